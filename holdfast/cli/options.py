@@ -140,7 +140,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_wearer_option(parser: argparse.ArgumentParser) -> None:
-    """--wearer."""
+    """--wearer, where the wearer's intent comes from."""
     urls = "unix:///PATH, serial:///dev/ttyX, lsl://NAME, - or replay://FILE"
     parser.add_argument(
         "--wearer",
@@ -179,7 +179,7 @@ def chosen_workers(args: argparse.Namespace) -> Workers:
 def add_engine_option(
     parser: argparse.ArgumentParser, default: str = ONNXRUNTIME
 ) -> None:
-    """--engine."""
+    """--engine, what computes a step."""
     parser.add_argument(
         "--engine",
         choices=ENGINES,

@@ -331,7 +331,7 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
 
 @cache
 def usual_hand() -> HandCard:
-    """The thesis' hand."""
+    """The card of a set or a model that has its number of sensors and no card."""
     return read_hand_card(USUAL_HAND)
 
 

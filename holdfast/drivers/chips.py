@@ -53,7 +53,7 @@ class Readings(Protocol):
         ...
 
     def missed(self) -> None:
-        """No reply came."""
+        """No reply came to a read."""
         ...
 
     def judge(self, data: bytes, came_ns: int) -> tuple[Raw, str]:

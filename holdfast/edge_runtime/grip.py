@@ -440,7 +440,7 @@ class SlipAnswer:
         return batch.choose(rises, ahead_n, kept_n), rises
 
     def _evidence(self, sense: GripSense) -> Number:
-        """0 to 1."""
+        """How much of a full answer a slip calls for, 0 to 1."""
         rules = self._rules
         if not rules.detects:
             return self._batch.zero()
@@ -546,7 +546,6 @@ class Holdfast(Controller):
     def want(
         self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
     ) -> Want:
-        """As Controller.want."""
         batch = self._batch
         wearer, friction = self._wearer, self._friction
         wearers_n = wearer.step(sense, given_n)

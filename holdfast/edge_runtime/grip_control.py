@@ -83,7 +83,6 @@ class FrictionMargin:
         self.margin = batch.zero()
 
     def step(self, sense: GripSense) -> None:
-        """Take in one sample."""
         batch = self._batch
         load_n = sense.load_n / self._gain
 

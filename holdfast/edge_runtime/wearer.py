@@ -93,7 +93,7 @@ class IntentMonitor:
 
 
 def intent_of(wants: object, t_ns: int) -> Intent:
-    """An item. Raises ValueError."""
+    """What a word of the wearer's asks for. Raises ValueError for no such word."""
     if wants not in WORDS:
         raise ValueError(f"wants is one of {', '.join(WORDS)}")
     return Intent(t_ns, str(wants))

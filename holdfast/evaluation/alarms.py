@@ -302,7 +302,6 @@ class EventTimes:
     of_known_gross: int = 0
 
     def add(self, outcome: AlarmOutcome) -> None:
-        """Count one event."""
         self.of_known_gross += outcome.event.gross_s is not None
         # A missed event has no delay; it lowers the recall instead.
         if outcome.delay_s is None:

@@ -128,7 +128,7 @@ class GripOutput:
 
     @property
     def leaves(self) -> bool:
-        """Whether commands leave."""
+        """Whether commands reach the hand: a link can break."""
         return self.link is None or self.link.works
 
     def begin(self, source: Source) -> None:

@@ -72,7 +72,6 @@ class AnswerWatch:
         reading: SourceReading,
         command: object = None,
     ) -> None:
-        """Look at one reading."""
         self._heard |= reading.valid
         self._left -= 1
         if self._left == 0:

@@ -277,7 +277,7 @@ class RowFile:
         reading: SourceReading | None = None,
         command: GripCommand | None = None,
     ) -> None:
-        """One row."""
+        """Add the row of one answer."""
         if self.sink.failure is not None:
             return
         # the first sample sets the time axis, also of the intent's log

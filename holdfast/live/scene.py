@@ -181,7 +181,7 @@ class SceneOutcome:
     truth: Truth
 
     def line(self) -> str:
-        """One line for people."""
+        """What became of the object, in one line."""
         end = f"the object is in the hand after {self.until_s:.1f} s"
         if self.truth.contact_s is None:
             end = "the hand has not closed yet"

@@ -275,7 +275,7 @@ class Fit:
     held_out_n: FloatArray
 
     def errors(self) -> dict[str, AxisError]:
-        """For normal and shear."""
+        """The errors on held-out loads, for normal and shear."""
         errors = {}
         # Shear has two axes, so its error is that of a vector.
         shear = np.delete(self.held_out_n, NORMAL_AXIS, axis=1)

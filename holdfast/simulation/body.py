@@ -79,7 +79,7 @@ class _Steps:
     """One step, or n steps with [n, ..] everywhere."""
 
     def at(self, k: int) -> Self:
-        """Step k of several."""
+        """One step out of several: the arrays lose their first axis."""
         return type(self)(*[array[k] for array in vars(self).values()])
 
 
@@ -132,7 +132,6 @@ class Floor:
     up: FloatArray = field(default_factory=lambda: UPWARDS)
 
     def at(self, k: int) -> Floor:
-        """Step k of several."""
         return replace(self, height_m=self.height_m[k], cap_n=self.cap_n[k])
 
 
@@ -251,7 +250,7 @@ def changed(
 
 
 def kinetic_j(body: Body, state: State) -> FloatArray:
-    """[B] energy of motion."""
+    """Energy of the object's motion, [B] in J."""
     squares = state.velocity_m_s * state.velocity_m_s
     square = squares[0] + squares[1] + squares[2]
     return 0.5 * body.mass_kg * square

@@ -230,7 +230,7 @@ class ClosedLoop:
         self._agents_n = self.world.all.state.agents_n.copy()
 
     def run(self) -> list[LoopOutcome]:
-        """Run to the end."""
+        """Every period in turn, then the outcome of each trial."""
         for period in range(self.spans.periods):
             target_n = self.decide(period)
             self.note(period, target_n)
@@ -351,13 +351,12 @@ class BranchingLoop(ClosedLoop):
         super()._take_hands(scene, hands, model, settings, self.lead)
 
     def _hands(self) -> IntArray:
-        """[lanes] each lane's hand."""
+        """The hand of each lane, [lanes]; -1 where it has none."""
         hands = np.full(len(self.trials), -1)
         hands[self.lead] = np.arange(len(self.lead))
         return hands[self._column_of]
 
     def run(self) -> list[LoopOutcome]:
-        """Run to the end."""
         for period in range(self.spans.periods):
             self._leave(period)
             target_n = self.decide(period)

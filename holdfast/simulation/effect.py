@@ -303,7 +303,7 @@ def module_effects(name: str) -> dict[str, Effect]:
 
 
 def effect_named(name: str) -> Effect:
-    """An effect of EFFECT_MODULES."""
+    """An effect by its name; loads the module that has it."""
     return module_effects(name)[name]
 
 

@@ -220,7 +220,6 @@ class LoopOutcome:
 
     @property
     def act_s(self) -> float:
-        """When the action begins."""
         return Times.of(self.trial).act
 
     @property

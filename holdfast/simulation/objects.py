@@ -79,7 +79,6 @@ class HeldObject:
 
     @property
     def mass_kg(self) -> float:
-        """Its mass in kg."""
         return 1e-3 * self.mass_g
 
     @property

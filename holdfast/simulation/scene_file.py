@@ -85,7 +85,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Physics(msgspec.Struct, forbid_unknown_fields=True):
-    """The section [physics]."""
+    """The section [physics] of a scene, checked."""
 
     step_s: Annotated[float, Meta(ge=1e-6, le=1.0)] = STEP_S
 
@@ -142,7 +142,6 @@ class SceneFile:
 
     @property
     def sha256(self) -> str:
-        """Of the file's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 

@@ -65,7 +65,7 @@ class Times:
 
     @staticmethod
     def of(trial: PlannedTrial) -> Times:
-        """From the trial's draws."""
+        """The times that follow from what was drawn for a trial."""
         drawn = trial.drawn
 
         # The empty hand has no events, only an end.

@@ -120,7 +120,7 @@ class ByForce:
 
     @staticmethod
     def of(head: Head) -> ByForce:
-        """Of a trained head."""
+        """The rule for a trained head."""
         return ByForce(head.name, head.classes, votes_in_all(head.learner))
 
     @property

@@ -111,7 +111,6 @@ class Network:
 
     @property
     def n_weights(self) -> int:
-        """Weights and biases."""
         return sum(layer.weights.size + layer.bias.size for layer in self.layers)
 
     @property

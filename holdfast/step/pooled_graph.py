@@ -54,7 +54,7 @@ class Number(NamedTuple):
 
 
 class Quotient(NamedTuple):
-    """above / max(below, least)."""
+    """One ratio: above / max(below, least)."""
 
     above: Number
     below: Number
@@ -97,7 +97,7 @@ class PooledGraph:
         self.places: dict[Number, int] = {}
 
     def add(self) -> str:
-        """[B, features] float64."""
+        """Add all nodes; returns the name of the features, [B, features] float64."""
         graph = self.graph
         self._add_signals()
         if self.signals.intersection(SERIES):

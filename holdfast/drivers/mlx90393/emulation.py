@@ -47,7 +47,7 @@ class Chip(EmulatedChip):
         self._read_to = 0
 
     def fall_asleep(self) -> None:
-        """No mode: nothing converts."""
+        """It leaves its mode, and nothing converts."""
         self._mode = 0
 
     # -- the wire

@@ -144,7 +144,7 @@ class Chip(EmulatedChip):
         return True
 
     def read(self) -> int:
-        """The next register."""
+        """The register at the pointer, which moves on."""
         byte = self._load(self._pointer)
         self._pointer += 1
         return byte

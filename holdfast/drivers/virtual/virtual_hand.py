@@ -62,7 +62,7 @@ class Target(Protocol):
 
     @abstractmethod
     def stop(self) -> None:
-        """A STOP."""
+        """The end of a transfer."""
         ...
 
 
@@ -97,7 +97,7 @@ class EmulatedChip(Target):
 
     @abstractmethod
     def power_on(self) -> None:
-        """As after power-up."""
+        """Every state as after power-up."""
         ...
 
     @abstractmethod
@@ -256,7 +256,6 @@ class Wire:
         return RELEASED if self._silent else _read_all(self._listening)
 
     def stop(self) -> None:
-        """STOP."""
         self.bits += 1
         self._listening = []
         self._address_next = False
@@ -327,7 +326,7 @@ class Mux:
         self._listening = []
 
     def power_on(self) -> None:
-        """No channel is enabled."""
+        """After power-up no channel is enabled."""
         self._enable(0)
 
     def _enable(self, control: int) -> None:
@@ -350,7 +349,6 @@ class Track:
 
     @property
     def n_sensors(self) -> int:
-        """S."""
         return len(self.field_ut[0])
 
     def at(self, now_s: float, sensor: int) -> list[float]:

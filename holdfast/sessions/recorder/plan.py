@@ -67,7 +67,6 @@ class Protocol:
 
     @property
     def sha256(self) -> str:
-        """Of the file's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def ordered(self, seed: int, person: str) -> list[Task]:

@@ -107,7 +107,7 @@ class Progress:
     _last_s: float = 0.0
 
     def take(self, entry: Entry) -> None:
-        """One more line."""
+        """Bring the state up to one more entry."""
         event = entry.event
         if event == Event.OPENED:
             # A run that was killed wrote no end: its time counts up to its last line.

@@ -99,7 +99,7 @@ class StudyRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StudyCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file."""
+    """A study's file as it is written: its steps and its title."""
 
     steps: Annotated[tuple[StudyRow, ...], msgspec.Meta(min_length=1)]
     title: str = ""

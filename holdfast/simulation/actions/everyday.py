@@ -99,7 +99,7 @@ def _turn_s(drawn: Draws) -> float:
 
 
 def _stack_s(drawn: Draws) -> float:
-    """Until the weight rests."""
+    """How long it takes until the added weight rests, in s."""
     return drawn["hit_s"] if drawn["drop_mm"] > 0.0 else drawn["add_s"]
 
 

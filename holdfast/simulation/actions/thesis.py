@@ -53,7 +53,7 @@ def pull_course(drawn: Mapping[str, float], act: float) -> Course:
 
 
 def fall_course(drawn: Mapping[str, float], act: float) -> Course:
-    """The hand stays closed."""
+    """The hand stays closed. The interval is the time of watching, without the time to settle."""
     # The time to settle is added to every interval (script_times.busy).
     watched_s = drawn["watch_s"] - SETTLE_S
     return Course([(act, act + watched_s)], taken_s=0.0, carried_s=drawn["watch_s"])
