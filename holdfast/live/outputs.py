@@ -199,17 +199,17 @@ def seconds_text(t_ns: int) -> str:
 class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
-    watched, kept: sinks that get their lines elsewhere and are only checked for failures, or closed
+    only_checked, also_closed: sinks that get their lines elsewhere: checked for failures, or closed
     with the others too. report: receives a line for each failure. failures: the error by the sink's
     name. not_learned: what the model cannot tell.
     """
 
     sinks: list[Sink]
     report: Callable[[str], object]
-    watched: Sequence[Sink] = ()
+    only_checked: Sequence[Sink] = ()
     not_learned: Collection[str] = ()
     failures: dict[str, OSError] = field(default_factory=dict)
-    kept: list[Sink] = field(default_factory=list)
+    also_closed: list[Sink] = field(default_factory=list)
 
     @property
     def dropped(self) -> int:
@@ -217,7 +217,7 @@ class LineOutput:
         return sum(sink.dropped for sink in self._closed_here())
 
     def _closed_here(self) -> list[Sink]:
-        return [*self.sinks, *self.kept]
+        return [*self.sinks, *self.also_closed]
 
     def write(
         self,
@@ -235,7 +235,7 @@ class LineOutput:
 
     def _note_failures(self) -> None:
         """Report each sink that has failed, once; it gets no more lines."""
-        for sink in (*self._closed_here(), *self.watched):
+        for sink in (*self._closed_here(), *self.only_checked):
             error = sink.failure
             if error is not None and sink.name not in self.failures:
                 self.failures[sink.name] = error

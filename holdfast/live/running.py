@@ -83,7 +83,7 @@ def real_time() -> Iterator[bool]:
 
 
 @contextmanager
-def first_in_line(report: Callable[[str], None]) -> Iterator[bool]:
+def real_time_priority(report: Callable[[str], None]) -> Iterator[bool]:
     """Real-time priority, or one message that there is none."""
     with real_time() as allowed:
         if not allowed:

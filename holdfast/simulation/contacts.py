@@ -61,7 +61,7 @@ class Lag(PhysicsEffect):
         left = 1.0 / (1.0 + dt_s / self.time_s)
         return self.stiffness * left, self.held_n * left
 
-    def moved(
+    def follow(
         self, change_m: FloatArray, touching: BoolArray, dt_s: FloatArray
     ) -> None:
         """Take in the change of depth; without contact the memory is lost."""

@@ -139,7 +139,7 @@ def _move_lags(
 
     touching = state.normal_n > 0.0
     for lag in effects.lags:
-        lag.moved(change_m, touching, dt_s)
+        lag.follow(change_m, touching, dt_s)
 
 
 def _loads(

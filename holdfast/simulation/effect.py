@@ -357,7 +357,7 @@ class PhysicsEffect:
     textures  friction depends on how far an element has slipped: scale(slip in the last step
               [E, S, B]) -> [E, S, B], a factor of the friction limit
     lags      a part of the normal force with memory, which gains stiffness * (change of depth)
-              + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and moved(change
+              + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and follow(change
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
     turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
               [3, B]) moves the brushes in place after the core has

@@ -85,7 +85,7 @@ Trials = Sequence[PlannedTrial]
 """Trials of a batch or of a set, in their order."""
 
 
-def each(things: Sequence[Any], name: str) -> Any:
+def of_each(things: Sequence[Any], name: str) -> Any:
     """[B] an attribute of every trial or object of a batch."""
     return np.array([getattr(thing, name) for thing in things])
 

@@ -24,7 +24,7 @@ from holdfast.simulation.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.protocol import GRAVITY_M_S2, Trials, each
+from holdfast.simulation.protocol import GRAVITY_M_S2, Trials, of_each
 from holdfast.simulation.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
@@ -74,12 +74,12 @@ def body_of(trials: Trials, pressure: FloatArray) -> Body:
             down[:, k] = trial.down
 
     # Finger and object are springs in series; a contact has its part of the object's.
-    held_n_per_m = each(objects, "stiffness_n_per_m")
+    held_n_per_m = of_each(objects, "stiffness_n_per_m")
     stuff = held_n_per_m * hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
 
     # Friction on silicone is an assumption (objects.py), so every trial varies it by a factor.
-    friction = each(objects, "friction") * _drawn(trials, "friction_factor")
+    friction = of_each(objects, "friction") * _drawn(trials, "friction_factor")
 
     # Each element of the brush has an equal part of a finger's stiffness along the skin.
     elements = len(pressure)
@@ -87,17 +87,17 @@ def body_of(trials: Trials, pressure: FloatArray) -> Body:
     springs = np.broadcast_to(spring, (elements, *finger.shape))
 
     return Body(
-        mass_kg=each(objects, "mass_kg"),
+        mass_kg=of_each(objects, "mass_kg"),
         gravity_m_s2=GRAVITY_M_S2 * down,
-        curvature_per_m=each(objects, "curvature_per_m").T,
-        straight_m=1e-3 * each(objects, "half_length_mm"),
+        curvature_per_m=of_each(objects, "curvature_per_m").T,
+        straight_m=1e-3 * of_each(objects, "half_length_mm"),
         at_m=np.stack([trial.at_m for trial in trials], axis=2),
         stiffness_n_per_m=normal,
         damping_n_s_per_m=LOSS_S * normal,
         brush_n_per_m=springs.copy(),
         pressure=pressure[:, None, None],
         static=friction,
-        kinetic=friction * each(objects, "kinetic_share"),
+        kinetic=friction * of_each(objects, "kinetic_share"),
         thumb=hand.thumb,
     )
 
@@ -126,12 +126,12 @@ class Script:
         self.body = body
         # [B] when each person or hand acts
         times = [Times.of(trial) for trial in trials]
-        self.close_s = each(times, "close")
-        self.give_s = each(times, "give")
-        self.act_s = each(times, "act")
-        self.open_s = each(times, "open")
+        self.close_s = of_each(times, "close")
+        self.give_s = of_each(times, "give")
+        self.act_s = of_each(times, "act")
+        self.open_s = of_each(times, "open")
         # [B] which trials have which action
-        actions = each(trials, "action")
+        actions = of_each(trials, "action")
         self.holds = actions == "hold"
         self.falls = actions == "fall"
         self.sets_down = actions == "put-down"
@@ -142,7 +142,7 @@ class Script:
         # A finger that bears nothing stays open.
         shares = np.stack([trial.share for trial in trials], axis=1)
         self.stays_open = shares == 0.0
-        self.grip_n = each(trials, "grip_n")
+        self.grip_n = of_each(trials, "grip_n")
         # How far past contact a finger must close for its share of the grip of its side.
         self.closed_m = self.grip_n * shares / body.stiffness_n_per_m
         # Where the grip is set by friction, fingers close onto the surface under them.

@@ -18,7 +18,7 @@ from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.simulation.body import Body, Inputs, State, at_rest
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import NO_EFFECTS, Interval, PhysicsEffects
-from holdfast.simulation.protocol import Trials, each
+from holdfast.simulation.protocol import Trials, of_each
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Grid, grid_of
 
@@ -335,7 +335,7 @@ class _OpenLoop:
             grid = grid_of(trial, settings.rate_hz, settings.step_s, more)
             self.grids.append(grid)
         self.at_s, self.sample = _stack(self.grids)
-        start_s = each(self.grids, "start_s")
+        start_s = of_each(self.grids, "start_s")
 
         # Every trial has steps of its own, so ends and starts are arrays.
         self.before_s = np.vstack([start_s, self.at_s[:-1]])

@@ -94,7 +94,7 @@ def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
     return left
 
 
-class TrialsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PlanRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A row of a protocol: trials of each of its objects, none for the empty hand."""
 
     action: str
@@ -125,7 +125,7 @@ class ObjectMass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ProtocolCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole file. effects: of a simulated hand, so that one file may serve both."""
 
-    trials: Annotated[tuple[TrialsRow, ...], msgspec.Meta(min_length=1)]
+    trials: Annotated[tuple[PlanRow, ...], msgspec.Meta(min_length=1)]
     title: str = ""
     about: str = ""
     objects: dict[str, ObjectMass] = {}

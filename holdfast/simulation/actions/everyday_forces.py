@@ -15,7 +15,12 @@ import numpy as np
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import Changes, Floor, Pull, bearer
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, each, least_grip_n
+from holdfast.simulation.protocol import (
+    GRAVITY_M_S2,
+    PlannedTrial,
+    least_grip_n,
+    of_each,
+)
 from holdfast.simulation.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
@@ -56,7 +61,7 @@ class Everyday:
         self.push = script.push
 
         # Which trials have which action.
-        actions = each(script.trials, "action")
+        actions = of_each(script.trials, "action")
         self.any_of_them = np.isin(actions, EVERYDAY)
         self.tugs = actions == "tug"
         self.turns = np.isin(actions, ("turn", "pour"))
