@@ -184,7 +184,7 @@ class PooledGraph:
     def _signals(self) -> tuple[str, list[str], str]:
         """[B, signals x rows, S] by sensor; the signals; and the normal forces [B, rows, S]."""
         graph = self.graph
-        samples = graph.node("MatMul", self._time_and_one(), self.history.samples)
+        samples = graph.node("MatMul", self._time_and_one(), self.history.samples())
 
         squares = graph.node("Mul", samples, samples)
         of_shear = graph.node("MatMul", squares, self._sums(1.0, 1.0, 0.0))
