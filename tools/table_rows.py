@@ -15,9 +15,15 @@ from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
-from holdfast.simulation.effect import all_effects
-from holdfast.simulation.magnet import HEIGHT, dipole_ut, linear_map, loads_n, place_m
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.effects.effect import all_effects
+from holdfast.simulation.effects.magnet import (
+    HEIGHT,
+    dipole_ut,
+    linear_map,
+    loads_n,
+    place_m,
+)
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from holdfast.step.features import GROUPS, feature_count, feature_graph
 from holdfast.step.history import LAGS_S
 from holdfast.step.spec import StepSpec

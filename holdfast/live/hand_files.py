@@ -190,13 +190,13 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
         return read_calibration(Path(calibration)).shear_gain
 
     if url.startswith("virtual://"):
-        from holdfast.simulation.magnet import shear_gain
+        from holdfast.simulation.effects.magnet import shear_gain
 
         return shear_gain()
     if not url.startswith(SIM):
         return None
     from holdfast.live.scene import trial_of
-    from holdfast.simulation.magnet import shear_gain_in
+    from holdfast.simulation.effects.magnet import shear_gain_in
 
     return shear_gain_in(trial_of(source_url(url))[0].file.effects)
 

@@ -39,7 +39,7 @@ from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer
 from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of, live_scene, planned_trial
 from holdfast.live.sources import open_live, source_url
-from holdfast.simulation.magnet import shear_gain as magnet_gain
+from holdfast.simulation.effects.magnet import shear_gain as magnet_gain
 
 PERIOD_NS = 1e9 / 150
 REST = "virtual://ft232h"

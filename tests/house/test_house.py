@@ -127,7 +127,7 @@ import holdfast.training.fitting as t
 def late():
     from holdfast.export import graph
     import importlib
-    importlib.import_module("holdfast.simulation.scene")
+    importlib.import_module("holdfast.simulation.scenes.scene")
     __import__("holdfast.drivers")
     from . import neighbour
 """

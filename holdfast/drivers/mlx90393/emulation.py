@@ -33,7 +33,7 @@ class Chip(EmulatedChip):
 
     addresses = chip.ADDRESSES
     noise_ut = (15.0, 15.0, 20.0)
-    """Of one average, so that 8 have about that of the pads in simulation/magnet.py."""
+    """Of one average, so that 8 have about that of the pads in simulation/effects/magnet.py."""
 
     def power_on(self) -> None:
         """Registers as in its memory, no mode; the first status byte will say RESET."""

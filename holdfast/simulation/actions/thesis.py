@@ -12,14 +12,14 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.simulation.actions import OPENING, Action, Course
-from holdfast.simulation.effect import Parameter
-from holdfast.simulation.script_times import (
+from holdfast.simulation.effects.effect import Parameter
+from holdfast.simulation.scenes.script_times import (
     BOX_GAP_M,
     BOX_OVERSHOOT_M,
     CATCH_S,
     SETTLE_S,
 )
-from holdfast.simulation.truth import Mark, Steps, first_of
+from holdfast.simulation.scenes.truth import Mark, Steps, first_of
 
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""

@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import PhysicsEffects
+from holdfast.simulation.effects.effect import PhysicsEffects
 
 TINY = 1e-300
 """Keeps a division by zero away."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.body import (
+from holdfast.simulation.physics.body import (
     UPWARDS,
     Body,
     Floor,
@@ -24,8 +24,8 @@ from holdfast.simulation.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.protocol import GRAVITY_M_S2, Trials, of_each
-from holdfast.simulation.script_times import (
+from holdfast.simulation.scenes.protocol import GRAVITY_M_S2, Trials, of_each
+from holdfast.simulation.scenes.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
     BOX_GAP_M,

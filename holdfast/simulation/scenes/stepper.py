@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
-from holdfast.simulation.body import Body, Inputs, State, at_rest
-from holdfast.simulation.core import step
-from holdfast.simulation.effect import NO_EFFECTS, Interval, PhysicsEffects
-from holdfast.simulation.protocol import Trials, of_each
-from holdfast.simulation.script import Script, body_of
-from holdfast.simulation.script_times import Grid, grid_of
+from holdfast.simulation.effects.effect import NO_EFFECTS, Interval, PhysicsEffects
+from holdfast.simulation.physics.body import Body, Inputs, State, at_rest
+from holdfast.simulation.physics.solver import step
+from holdfast.simulation.scenes.protocol import Trials, of_each
+from holdfast.simulation.scenes.script import Script, body_of
+from holdfast.simulation.scenes.script_times import Grid, grid_of
 
 CHUNK = 64
 """Steps whose inputs are computed together."""

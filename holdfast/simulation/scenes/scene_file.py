@@ -47,13 +47,13 @@ from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import checked, find_card, read, text_of
 from holdfast.simulation import SCENES, STYLES
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     EFFECT_MODULES,
     Parameter,
     effect_named,
     step_settings,
 )
-from holdfast.simulation.objects import (
+from holdfast.simulation.physics.objects import (
     HOLD,
     OBJECT_KEYS,
     OBJECTS,
@@ -62,7 +62,7 @@ from holdfast.simulation.objects import (
     hand_of_counts,
     held_object,
 )
-from holdfast.simulation.protocol import TrialsRow, least_grip_n
+from holdfast.simulation.scenes.protocol import TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""

@@ -30,7 +30,8 @@ from collections.abc import Callable
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
-from holdfast.simulation.body import (
+from holdfast.simulation.effects.effect import NO_EFFECTS, PhysicsEffects
+from holdfast.simulation.physics.body import (
     TINY,
     Body,
     Floor,
@@ -43,7 +44,6 @@ from holdfast.simulation.body import (
     recess_m,
     taken_by_lags_j,
 )
-from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 
 Swept = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """What a sweep of the brushes gives: speed, rho, trial stretch, length of the trial stretch."""

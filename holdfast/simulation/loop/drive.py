@@ -24,8 +24,8 @@ import msgspec
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.protocol import Trials, of_each
-from holdfast.simulation.script import body_of
+from holdfast.simulation.scenes.protocol import Trials, of_each
+from holdfast.simulation.scenes.script import body_of
 
 Opening = Literal["wearer", "larger"]
 OPENINGS: dict[Opening, str] = {

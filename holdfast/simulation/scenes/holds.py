@@ -56,9 +56,9 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_layout import is_heavy
 from holdfast.simulation.actions import action_named
-from holdfast.simulation.effect import draw_all
-from holdfast.simulation.objects import HELD, HOLD
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
+from holdfast.simulation.effects.effect import draw_all
+from holdfast.simulation.physics.objects import HELD, HOLD
+from holdfast.simulation.scenes.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
 
 LEAST_N = 0.5
 """The weakest grip of either side."""

@@ -8,17 +8,17 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
-from holdfast.simulation.body import TINY, Body, State, brush_j
-from holdfast.simulation.core import Swept, settle
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Drawn,
     Effect,
     EffectBatch,
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.objects import HeldObject
-from holdfast.simulation.protocol import GRAVITY_M_S2
+from holdfast.simulation.physics.body import TINY, Body, State, brush_j
+from holdfast.simulation.physics.objects import HeldObject
+from holdfast.simulation.physics.solver import Swept, settle
+from holdfast.simulation.scenes.protocol import GRAVITY_M_S2
 
 MOST_ELEMENTS = 50
 """Largest number of elements of a brush that a scene may ask for."""

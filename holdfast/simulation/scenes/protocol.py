@@ -10,8 +10,12 @@ import numpy as np
 
 from holdfast.core.hand_card import HandCard
 from holdfast.simulation.actions import EMPTY_HANDED, parameters_of
-from holdfast.simulation.effect import draw_all, stream
-from holdfast.simulation.objects import HeldObject, load_factors, touch_parameters
+from holdfast.simulation.effects.effect import draw_all, stream
+from holdfast.simulation.physics.objects import (
+    HeldObject,
+    load_factors,
+    touch_parameters,
+)
 
 GRAVITY_M_S2 = 9.81
 """Acceleration of gravity."""

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.actions import NEVER_S, action_named
-from holdfast.simulation.effect import Interval
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.effects.effect import Interval
+from holdfast.simulation.scenes.protocol import PlannedTrial
 
 OPEN_GAP_M = 0.03
 """Distance of an open hand's fingers from the object."""

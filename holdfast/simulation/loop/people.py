@@ -17,13 +17,13 @@ import numpy.typing as npt
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.actions import NEVER_S
-from holdfast.simulation.body import Body
-from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial, Trials, of_each
-from holdfast.simulation.script import Script
-from holdfast.simulation.script_times import Times, smooth
-from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import Steps
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.physics.body import Body
+from holdfast.simulation.scenes.protocol import PlannedTrial, Trials, of_each
+from holdfast.simulation.scenes.script import Script
+from holdfast.simulation.scenes.script_times import Times, smooth
+from holdfast.simulation.scenes.stepper import TrialMotion
+from holdfast.simulation.scenes.truth import Steps
 
 
 @dataclass(frozen=True)

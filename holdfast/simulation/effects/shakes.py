@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Drawn,
     Effect,
     EffectBatch,
@@ -16,7 +16,7 @@ from holdfast.simulation.effect import (
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.script_times import smooth, smooth_change
+from holdfast.simulation.scenes.script_times import smooth, smooth_change
 
 FOREVER_S = 1e9
 """Longer than any trial."""
