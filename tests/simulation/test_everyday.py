@@ -15,7 +15,8 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.effects.effect import EffectBatch, effect_named
 from holdfast.simulation.loop.closed_loop import LoopTruth, run_loops
-from holdfast.simulation.scenes.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.scenes.protocol import PlannedTrial
 from holdfast.simulation.scenes.scene import SimulatedTrial
 from holdfast.simulation.scenes.script_times import Times
 

@@ -27,7 +27,8 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.simulation.actions import OPENING, Action, Course, action_named
 from holdfast.simulation.actions.everyday_forces import HEEL, TABLE_OVERSHOOT_M, hit_n
 from holdfast.simulation.effects.effect import Parameter
-from holdfast.simulation.scenes.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.scenes.protocol import PlannedTrial
 from holdfast.simulation.scenes.script_times import BOX_GAP_M, CATCH_S
 from holdfast.simulation.scenes.truth import LOAD_N, Steps
 

@@ -14,20 +14,14 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.physics.body import Changes, Floor, Pull, bearer
-from holdfast.simulation.scenes.protocol import (
-    GRAVITY_M_S2,
-    PlannedTrial,
-    least_grip_n,
-    of_each,
-)
+from holdfast.simulation.effects.smooth import smooth, smooth_change
+from holdfast.simulation.physics.body import GRAVITY_M_S2, Changes, Floor, Pull, bearer
+from holdfast.simulation.scenes.protocol import PlannedTrial, least_grip_n, of_each
 from holdfast.simulation.scenes.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
     BOX_GAP_M,
     CATCH_S,
-    smooth,
-    smooth_change,
 )
 
 HEEL = 0.3

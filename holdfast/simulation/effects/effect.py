@@ -3,7 +3,7 @@
 A scene file compiles to the list of effects that it names: the module of an effect is loaded when
 a scene names it, and one that no scene names is never called and keeps no state. Every effect has
 a random stream of its own, so that it shifts no other draw. Stages, in this order: `physics`
-effects take part in every step of the core, or set how it steps; `sensor` effects turn the forces
+effects take part in every step of the solver, or set how it steps; `sensor` effects turn the forces
 on the fingertips into what a sensor reports.
 
 A parameter in a scene file is a constant, a choice, or a distribution that is drawn once a trial:
@@ -350,9 +350,9 @@ class EffectBatch:
 
 
 class PhysicsEffect:
-    """A part of every step of the core, built for a batch of B trials.
+    """A part of every step of the solver, built for a batch of B trials.
 
-    Its kind says what the core asks it for, and thereby its place in PhysicsEffects:
+    Its kind says what the solver asks it for, and thereby its place in PhysicsEffects:
     shakes    the hand accelerates: acceleration_m_s2(t_s [B]) -> [3, B]
     textures  friction depends on how far an element has slipped: scale(slip in the last step
               [E, S, B]) -> [E, S, B], a factor of the friction limit
@@ -360,7 +360,7 @@ class PhysicsEffect:
               + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and follow(change
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
     turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
-              [3, B]) moves the brushes in place after the core has
+              [3, B]) moves the brushes in place after the solver has
     grips     the fingers are unsteady: closure_m(closure [S, B], t_s [B]) -> [S, B]
     """
 
@@ -383,7 +383,7 @@ class PhysicsEffect:
 
 @dataclass(frozen=True)
 class PhysicsEffects:
-    """What takes part in every step of the core: empty unless the scene names an effect."""
+    """What takes part in every step of the solver: empty unless the scene names an effect."""
 
     shakes: tuple[Any, ...] = ()
     textures: tuple[Any, ...] = ()

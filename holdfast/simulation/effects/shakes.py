@@ -16,7 +16,7 @@ from holdfast.simulation.effects.effect import (
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.scenes.script_times import smooth, smooth_change
+from holdfast.simulation.effects.smooth import smooth, smooth_change
 
 FOREVER_S = 1e9
 """Longer than any trial."""

@@ -18,10 +18,11 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.actions import NEVER_S
 from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.effects.smooth import smooth
 from holdfast.simulation.physics.body import Body
 from holdfast.simulation.scenes.protocol import PlannedTrial, Trials, of_each
 from holdfast.simulation.scenes.script import Script
-from holdfast.simulation.scenes.script_times import Times, smooth
+from holdfast.simulation.scenes.script_times import Times
 from holdfast.simulation.scenes.stepper import TrialMotion
 from holdfast.simulation.scenes.truth import Steps
 

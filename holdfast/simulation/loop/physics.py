@@ -232,7 +232,7 @@ class HandsAndObjects:
 
         rate_hz = self.settings.rate_hz
         target_n = self.actuator.obeyed_n(target_n, self.opens(period))
-        # An object that is merely held needs no fine steps: the core is stable at any step.
+        # An object that is merely held needs no fine steps: the solver is stable at any step.
         busy = self.busy[period, self.kinds]
         eventful = busy | self.slid | self.actuator.moving(target_n)
         fine = moves & eventful

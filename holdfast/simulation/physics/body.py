@@ -1,4 +1,4 @@
-"""What the core steps: the held object and its contacts, what acts on it, and where everything is.
+"""What the solver steps: the held object and its contacts, what acts on it, where everything is.
 
 And the energy of a step: no trial ends with more than it had and was given.
 
@@ -19,6 +19,8 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effects.effect import PhysicsEffects
 
+GRAVITY_M_S2 = 9.81
+"""Acceleration of gravity."""
 TINY = 1e-300
 """Keeps a division by zero away."""
 add = np.add.reduce

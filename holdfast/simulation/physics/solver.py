@@ -1,4 +1,4 @@
-"""The core: brush contacts on an object in 3D, one implicit step, many trials at once.
+"""The solver: brush contacts on an object in 3D, one implicit step, many trials at once.
 
 body.py has the frame, the arrays and what they mean; every trial has a step length of its own.
 Contact i presses by how deep its finger is closed into the object:

@@ -11,14 +11,12 @@ import numpy as np
 from holdfast.core.hand_card import HandCard
 from holdfast.simulation.actions import EMPTY_HANDED, parameters_of
 from holdfast.simulation.effects.effect import draw_all, stream
+from holdfast.simulation.physics.body import GRAVITY_M_S2
 from holdfast.simulation.physics.objects import (
     HeldObject,
     load_factors,
     touch_parameters,
 )
-
-GRAVITY_M_S2 = 9.81
-"""Acceleration of gravity."""
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class Scene:
 
     file             as it was read
     seed             of all random streams
-    settings         how the core steps
+    settings         how the solver steps
     sensor_effects   name -> effect, in the order in which they act
     physics_effects  name -> effect, those that take part in every step
     """
@@ -76,7 +76,7 @@ class Scene:
         self.file = file
         self.seed = seed
 
-        # An effect that only sets how the core steps is called once, by step_settings.
+        # An effect that only sets how the solver steps is called once, by step_settings.
         self.sensor_effects: dict[str, Effect] = {}
         self.physics_effects: dict[str, Effect] = {}
         for name in file.effects:

@@ -1,4 +1,4 @@
-"""A batch of trials as the core takes it: bodies, times of the steps, actions of hand and people.
+"""A batch of trials as the solver takes it: bodies, times of the steps, actions of hand and people.
 
 Steps are fine where anything can happen (something moves, lets go, touches) and one sample long
 elsewhere; a trial's steps depend on the trial alone.
@@ -14,7 +14,9 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
+from holdfast.simulation.effects.smooth import smooth
 from holdfast.simulation.physics.body import (
+    GRAVITY_M_S2,
     UPWARDS,
     Body,
     Floor,
@@ -24,7 +26,7 @@ from holdfast.simulation.physics.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.scenes.protocol import GRAVITY_M_S2, Trials, of_each
+from holdfast.simulation.scenes.protocol import Trials, of_each
 from holdfast.simulation.scenes.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
@@ -33,7 +35,6 @@ from holdfast.simulation.scenes.script_times import (
     CATCH_S,
     OPEN_GAP_M,
     Times,
-    smooth,
 )
 
 GIVER_CAP_N = 40.0
@@ -203,7 +204,7 @@ class Script:
         acting = [_acts(person) for person in people]
         inputs = []
 
-        # All steps were computed at once; the core takes them one by one.
+        # All steps were computed at once; the solver takes them one by one.
         for k, closure_m in enumerate(closures_m or self.wearers_closures(t_s)):
             pulls = []
             for person, acts in zip(people, acting, strict=True):

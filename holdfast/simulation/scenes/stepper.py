@@ -1,7 +1,7 @@
-"""Steps trials through the core: forces at every sample, and the truth at every step.
+"""Steps trials through the solver: forces at every sample, and the truth at every step.
 
 A `Part` is some trials of a batch with all that a step of them needs. The open loop (motions) and
-the closed one (loop_physics.py) step parts; they differ in when they do, and in what is taken out.
+the closed one (loop/physics.py) step parts; they differ in when they do, and in what is taken out.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class StepTape:
         travel_m: FloatArray,
     ) -> None:
         """Step k of some trials; travel_m [S, B]: how far each contact has slipped."""
-        # The events of a trial are read off these flags, so they are of the core and of no sensor.
+        # The events of a trial are read off these flags: they are of the solver, of no sensor.
         touching = state.normal_n > 0.0
         count = touching.sum(axis=0)
         gripped = count > 0

@@ -1,4 +1,4 @@
-"""The truth of a trial, events and phases, from the core's own state, never from a sensor.
+"""The truth of a trial, events and phases, from the solver's own state, never from a sensor.
 
 load onset      after the action begins, the force of people and box changes by LOAD_N
 incipient slip  from then on, the first element of any touching brush slides
