@@ -13,6 +13,7 @@ from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.metrics import ABSENT, over
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.evaluation.formats import DEPLOYED, markdown
+from holdfast.live.output_table import OUTPUTS
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
 from holdfast.simulation.effects.effect import all_effects
@@ -258,6 +259,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "percent": percent,
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,
+    "outputs": OUTPUTS,
     "readme_points": readme_points,
     "rule_rows": rule_rows,
     "scene_titles": scene_titles,
