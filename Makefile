@@ -101,6 +101,7 @@ world: .venv-peers/.stamp  ## the shipped model in a second physics (MuJoCo), fo
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/mypy holdfast studies benchmarks tests
+	$(BIN)/mypy --explicit-package-bases tools examples
 
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh

@@ -14,9 +14,10 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.actions import EMPTY_HANDED, action_named
-from holdfast.simulation.closed_loop import LoopController, LoopTruth, Make
-from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.loop.closed_loop import LoopController, LoopTruth, Make
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.scenes.protocol import PlannedTrial
 
 SPARE = 1.1
 """Grip over what the largest load needs: a tenth to spare."""

@@ -22,7 +22,7 @@ from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.trial_layout import HELD_ACTIONS, SITUATION_OF_ACTION
 from holdfast.data.metrics import Interval
 from holdfast.evaluation.formats import share
-from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.simulation.loop.people import LoopOutcome
 
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3

@@ -18,15 +18,15 @@ from statistics import median
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     EFFECT_MODULES,
     Signal,
     all_effects,
     effect_named,
     stream,
 )
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import SceneFile, read_scene_file
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import SceneFile, read_scene_file
 
 STEPS_S = (4e-3, 2e-3, 1.667e-3, 8.334e-4, 4.167e-4, 2.084e-4)
 REFERENCE_S = 2.5e-5

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from holdfast.core.contract import Json
 from holdfast.evaluation.style import GRID, OURS, QUIET, WARNING, drawing, svg
-from holdfast.simulation.drive import Drive
+from holdfast.simulation.loop.drive import Drive
 
 COMPUTED = {"convert": QUIET, "step": OURS, "decide": "#009e73", "emit": WARNING}
 """Stages of the live loop that are ours, and their colours."""

@@ -21,9 +21,9 @@ from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
 from holdfast.sessions.adapt import adapt_file
 from holdfast.simulation import SCENES
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from studies.shared_control.closed_loop import LoopRuns, LoopSet
 from studies.shared_control.plan import CARDS, OUR_REQUEST, SEED, UNSEEN, sets
 from tools.harness import measured_now, write_figures

@@ -53,9 +53,9 @@ LOOP = """
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.grip import AnswerRules, Holdfast
 from holdfast.edge_runtime.supervisor import Limits
-from holdfast.simulation.closed_loop import managed, model_of, run_loops
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.closed_loop import managed, model_of, run_loops
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 scene = Scene(read_scene_file("coarse.toml"), 0)
 model = model_of(ModelChoice("holdfast-50hz"))
 rules = AnswerRules.of(model.card.decision)

@@ -13,11 +13,18 @@ from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.metrics import ABSENT, over
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.evaluation.formats import DEPLOYED, markdown
+from holdfast.live.output_table import OUTPUTS
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
-from holdfast.simulation.effect import all_effects
-from holdfast.simulation.magnet import HEIGHT, dipole_ut, linear_map, loads_n, place_m
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.effects.effect import all_effects
+from holdfast.simulation.effects.magnet import (
+    HEIGHT,
+    dipole_ut,
+    linear_map,
+    loads_n,
+    place_m,
+)
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from holdfast.step.features import GROUPS, feature_count, feature_graph
 from holdfast.step.history import LAGS_S
 from holdfast.step.spec import StepSpec
@@ -252,6 +259,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "percent": percent,
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,
+    "outputs": OUTPUTS,
     "readme_points": readme_points,
     "rule_rows": rule_rows,
     "scene_titles": scene_titles,

@@ -16,8 +16,8 @@ from holdfast.core.contract import RISKY_SLIP, FloatArray, IntArray, Json
 from holdfast.data.recording import DataSet, Recording, assign_groups
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import (
-    Answers,
     EventMatch,
+    RecordingAnswers,
     choose_confidence,
     event_scores,
     match_alarms,
@@ -241,7 +241,7 @@ def _matches(
     return [match_alarms(one.recording, on) for one, on in pairs]
 
 
-def _answers(streams: Sequence[Stream], spec: StepSpec) -> list[Answers]:
+def _answers(streams: Sequence[Stream], spec: StepSpec) -> list[RecordingAnswers]:
     answers = []
     for one in streams:
         votes = situation_votes(one.votes)
@@ -251,7 +251,7 @@ def _answers(streams: Sequence[Stream], spec: StepSpec) -> list[Answers]:
         situation[usable < spec.min_valid_sensors] = UNKNOWN
         share = votes[:, RISKY_SLIP] / votes.sum(axis=1)
         permille = (1000 * share).astype(np.int64)
-        answers.append(Answers(one.recording, situation, permille))
+        answers.append(RecordingAnswers(one.recording, situation, permille))
     return answers
 
 

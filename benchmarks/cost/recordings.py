@@ -14,9 +14,9 @@ from holdfast.core.writing import write_whole
 from holdfast.data.datasets import load
 from holdfast.data.recording import DataSet
 from holdfast.data.windows import Choice
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> scene, grasps, seed."""

@@ -13,9 +13,9 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.data.datasets import load
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 TRIALS = 9
 LOST_EVERY = 400

@@ -23,11 +23,11 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.grip import controller_for
-from holdfast.simulation.drive import Opening
-from holdfast.simulation.effect import stream
-from holdfast.simulation.loop_sensing import LoopSensors
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.loop.drive import Opening
+from holdfast.simulation.loop.sensing import LoopSensors
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 SENSORS = ("chain", "ideal")
 """Our sensor chain: that of the card SENSOR_CARD; ideal: the forces themselves."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import stream
-from holdfast.simulation.objects import hand_of_counts
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.physics.objects import hand_of_counts
 
 G_M_S2 = 9.81
 KINDS = {

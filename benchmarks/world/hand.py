@@ -13,7 +13,7 @@ from benchmarks.world.draws import HAND, SIDE, WorldTrial
 from benchmarks.world.model_xml import PADS, mjcf, places_m, recess_m
 from benchmarks.world.people import Motion, Script
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.drive import Actuator, Drive, Opening
+from holdfast.simulation.loop.drive import Actuator, Drive, Opening
 
 try:
     import mujoco

@@ -24,7 +24,7 @@ from benchmarks.world.draws import (
     moments_kg_m2,
 )
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import stream
+from holdfast.simulation.effects.effect import stream
 
 GIVER_N_PER_M = 800.0
 GIVER_CAP_N = 40.0

@@ -24,7 +24,7 @@ from holdfast.core.contract import Json
 from holdfast.core.locked import locked_sets
 from holdfast.core.schema import model_path
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.simulation.drive import OPENINGS
+from holdfast.simulation.loop.drive import OPENINGS
 
 if TYPE_CHECKING:
     from benchmarks.world.record import AnsweredHand

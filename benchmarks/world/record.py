@@ -18,7 +18,7 @@ from benchmarks.world.outcomes import (
     possible_run,
 )
 from holdfast.core.contract import Json
-from holdfast.simulation.drive import Opening
+from holdfast.simulation.loop.drive import Opening
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ from holdfast.cli.command import show
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
-from holdfast.simulation.folder import write_recording
-from holdfast.simulation.objects import OBJECTS, HeldObject
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.physics.objects import OBJECTS, HeldObject
+from holdfast.simulation.scenes.folder import write_recording
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 HERE = Path(__file__).parent
 SEED, TRIALS = 1, 9

@@ -1,4 +1,4 @@
-/* The physics of scene.h: one implicit step, as holdfast/simulation/core.py takes it. */
+/* The physics of scene.h: one implicit step, as holdfast/simulation/physics/solver.py takes it. */
 #include "scene.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* The physics of one trial of holdfast/simulation, for the page: an object, the six fingertips that hold it,
-   people who hold or pull it, and the hand's drive. The formulas and their sources are in core.py and
+   people who hold or pull it, and the hand's drive. The formulas and their sources are in solver.py and
    drive.py there; names and frame are those of body.py: x from the thumb to the fingers, z along the object.
    Left out: boxes, and the effects (rotation, silicone with memory, texture, shakes). */
 #ifndef SCENE_H

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.simulation.body import Body
-from holdfast.simulation.contacts import pressure
-from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.objects import OBJECTS, hand_of_counts
-from holdfast.simulation.protocol import PlannedTrial, TrialsRow, draw_trial
-from holdfast.simulation.script import body_of
+from holdfast.simulation.loop.drive import Actuator, Drive
+from holdfast.simulation.physics.body import Body
+from holdfast.simulation.physics.contacts import pressure
+from holdfast.simulation.physics.objects import OBJECTS, hand_of_counts
+from holdfast.simulation.scenes.protocol import PlannedTrial, TrialsRow, draw_trial
+from holdfast.simulation.scenes.script import body_of
 
 ELEMENTS = 5
 """Of a contact's brush, as in the thesis' scene."""

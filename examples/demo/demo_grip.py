@@ -18,17 +18,17 @@ from holdfast.core.contract import FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.style import OURS, QUIET, WARNING, labelled, svg
-from holdfast.simulation.closed_loop import (
+from holdfast.simulation.loop.closed_loop import (
     ClosedLoop,
     LoopController,
     LoopTruth,
     Make,
     managed,
 )
-from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.people import LoopOutcome
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 CARD = Path(__file__).parent / "demo_grip.toml"
 SEED = 6

@@ -20,11 +20,11 @@ from holdfast.core.contract import SITUATIONS, FloatArray
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.evaluation.style import SITUATION_COLOURS, with_label
-from holdfast.simulation.closed_loop import ClosedLoop, LoopController, LoopTruth
-from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.closed_loop import ClosedLoop, LoopController, LoopTruth
+from holdfast.simulation.loop.people import LoopOutcome
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 TEMPLATES = Path(__file__).parent
 LABEL = (

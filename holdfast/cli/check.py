@@ -64,13 +64,13 @@ def _repair(args: argparse.Namespace) -> int:
 
     Returns the exit code of the last error where one could not be repaired: 3, or 5 on a full disk.
     """
-    from holdfast.sessions.recorder.folder import all_trials, alone, repair
+    from holdfast.sessions.recorder.folder import all_trials, folder_lock, repair
 
     root = Path(args.folder)
     code = 0
     trials = []
     # A recording that is under way looks like an interrupted one.
-    with alone(root):
+    with folder_lock(root):
         for folder in all_trials(root):
             try:
                 done = ", ".join(repair(folder)) or "complete"

@@ -140,7 +140,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_wearer_option(parser: argparse.ArgumentParser) -> None:
-    """--wearer."""
+    """--wearer, where the wearer's intent comes from."""
     urls = "unix:///PATH, serial:///dev/ttyX, lsl://NAME, - or replay://FILE"
     parser.add_argument(
         "--wearer",
@@ -179,7 +179,7 @@ def chosen_workers(args: argparse.Namespace) -> Workers:
 def add_engine_option(
     parser: argparse.ArgumentParser, default: str = ONNXRUNTIME
 ) -> None:
-    """--engine."""
+    """--engine, what computes a step."""
     parser.add_argument(
         "--engine",
         choices=ENGINES,
@@ -238,11 +238,6 @@ def read_settings(path: Path | None) -> dict[str, Any]:
             next_step="check the path after --config",
         ) from None
 
-    if settings.rules:
-        from holdfast.live.grip import checked_rules
-
-        checked_rules(settings.rules, f"{path} [rules]")
-
     given = {}
     usual = RunOptions()
     for name in RunOptions.__struct_fields__:
@@ -255,6 +250,11 @@ def read_settings(path: Path | None) -> dict[str, Any]:
             value = str(path.parent / value)
         if value != getattr(usual, name):
             given[name] = value
+
+    if settings.rules:
+        from holdfast.live.grip import checked_rules
+
+        given["rules"] = checked_rules(settings.rules, f"{path} [rules]")
     return given
 
 

@@ -47,9 +47,9 @@ def run_simulate(args: argparse.Namespace) -> int:
     """
     from holdfast.core.locked import lock_of
     from holdfast.core.progress import Stages
-    from holdfast.simulation.folder import write_set
-    from holdfast.simulation.scene import Scene
-    from holdfast.simulation.scene_file import read_scene_file
+    from holdfast.simulation.scenes.folder import write_set
+    from holdfast.simulation.scenes.scene import Scene
+    from holdfast.simulation.scenes.scene_file import read_scene_file
 
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)

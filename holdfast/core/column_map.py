@@ -44,6 +44,7 @@ from holdfast.core.contract import (
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
 from holdfast.core.hand_card import HandCard, fill_unmeasured, read_hand_card
 from holdfast.core.schema import read
+from holdfast.core.tactile_file import MOST_FILE_SENSORS
 from holdfast.core.trial_file import TimeUnit
 
 NS_OF = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -51,8 +52,6 @@ NS_OF = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 MINUS = "-"
 LATEST_NS = 1 << 62
 """Of a stamp: 146 years."""
-MOST_SENSORS = 64
-"""As in a trial file; a hand card has fewer."""
 MOST_FIELDS = 4096
 """Columns of one message."""
 MapUnit = Literal[
@@ -131,7 +130,7 @@ class ColumnMap(
     unit: MapUnit
     time: TimeColumn
     sensors: Annotated[
-        tuple[SensorColumns, ...], Meta(min_length=1, max_length=MOST_SENSORS)
+        tuple[SensorColumns, ...], Meta(min_length=1, max_length=MOST_FILE_SENSORS)
     ]
     hand: Name = ""
     trials: Any = None

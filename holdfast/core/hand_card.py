@@ -161,24 +161,24 @@ class HandCard:
     @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
-        return self._each("sensed").astype(np.bool_)
+        return self._of_each("sensed").astype(np.bool_)
 
     @property
     def part(self) -> FloatArray:
         """[S] a contact's stiffness over that of one fingertip."""
-        return self._each("stiffness")
+        return self._of_each("stiffness")
 
     @property
     def along_m(self) -> FloatArray:
         """[S] positions of the contacts along the axis of a cylinder."""
-        return 1e-3 * self._each("along_mm")
+        return 1e-3 * self._of_each("along_mm")
 
     @property
     def across_m(self) -> FloatArray:
         """[S] positions of the contacts across that axis."""
-        return 1e-3 * self._each("across_mm")
+        return 1e-3 * self._of_each("across_mm")
 
-    def _each(self, name: str) -> FloatArray:
+    def _of_each(self, name: str) -> FloatArray:
         """[S] a value of every contact."""
         values: FloatArray = np.array(
             [getattr(contact, name) for contact in self.contacts]
@@ -331,7 +331,7 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
 
 @cache
 def usual_hand() -> HandCard:
-    """The thesis' hand."""
+    """The card of a set or a model that has its number of sensors and no card."""
     return read_hand_card(USUAL_HAND)
 
 

@@ -175,7 +175,6 @@ class TextSink:
         self._stream = stream
 
     def __call__(self, line: str) -> bool:
-        """Write it."""
         self._stream.write(line + "\n")
         return True
 

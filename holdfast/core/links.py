@@ -21,7 +21,7 @@ def link(name: str) -> None:
     sys.modules[name] = import_module(f"holdfast.{name}")
 
 
-def moved(package: str, room: str, names: Sequence[str]) -> None:
+def link_old_names(package: str, room: str, names: Sequence[str]) -> None:
     """Let modules of a package go on under their old names, each with a DeprecationWarning.
 
     room: where they are now, with the modules below them. For one version after a move.

@@ -98,7 +98,7 @@ class LockedSets(msgspec.Struct, frozen=True):
 
 @cache
 def locked_sets() -> LockedSets:
-    """The sets of locked.toml."""
+    """The sets that locked.toml names, read once."""
     return read(FILE, LockedSets)
 
 

@@ -104,7 +104,7 @@ def _unrepaired(path: Path, error: OSError) -> OutputError:
 
 
 SYNC_EVERY_NS = 1_000_000_000
-MOST_SENSORS = 64
+MOST_FILE_SENSORS = 64
 
 
 class TactileFile:
@@ -259,7 +259,7 @@ def repair_table(path: Path) -> RepairResult:
 
 def _is_begun(line: bytes) -> bool:
     """Whether a line is the beginning of a recorder's header."""
-    headers = (header_line(sensors) for sensors in range(1, MOST_SENSORS + 1))
+    headers = (header_line(sensors) for sensors in range(1, MOST_FILE_SENSORS + 1))
     return any(header.encode().startswith(line) for header in headers)
 
 

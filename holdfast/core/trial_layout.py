@@ -218,7 +218,6 @@ class Mass:
 
     @property
     def heavy(self) -> bool:
-        """150 g and more."""
         return is_heavy(self.mass_g)
 
 

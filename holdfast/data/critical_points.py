@@ -141,7 +141,7 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
         return np.empty(0, dtype=np.int64)
 
     ratio = shear / np.maximum(normal, least)
-    jump = _moved(ratio, _rows(STEP_S, rate_hz), 0)
+    jump = _distance(ratio, _rows(STEP_S, rate_hz), 0)
     # A jump stands above the noise of its own sensor's ratio.
     noise_of_jump = np.median(jump, axis=0)
     size = np.maximum(LEAST_JUMP, NOISE_TIMES * noise_of_jump)
@@ -149,9 +149,11 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     # The force moves a moment later than the ratio, so it is compared over a longer time.
     ahead = _rows(SHEAR_AHEAD_S, rate_hz)
     around = _rows(NORMAL_AHEAD_S, rate_hz)
-    shear_change = np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead))
+    shear_change = np.maximum(
+        _distance(shear, ahead, ahead), _distance(shear, 0, ahead)
+    )
     shear_moved = shear_change > least
-    normal_moved = _moved(normal, around, around) > least
+    normal_moved = _distance(normal, around, around) > least
 
     # The force must have moved too; where only the normal force did, the jump must be larger.
     by_shear = (jump > size) & shear_moved
@@ -162,7 +164,7 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     return _largest_of_any(rows, strength[rows], _rows(FRICTION_APART_S, rate_hz))
 
 
-def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
+def _distance(x: FloatArray, back: int, ahead: int) -> FloatArray:
     """[T, S, A] -> [T, S]: how far x[t + ahead] is from x[t - back]; clamped at the ends."""
     rows = np.arange(len(x))
     later = x[np.minimum(rows + ahead, len(x) - 1)]

@@ -66,7 +66,6 @@ class Recording:
 
     @property
     def n_sensors(self) -> int:
-        """Number of 3-axis sensors."""
         return self.samples.shape[1] // 3
 
     def counted(self, n_rows: int) -> BoolArray:
@@ -77,7 +76,7 @@ class Recording:
         return counted
 
     def counted_s(self, n_rows: int) -> float:
-        """Seconds that figures count."""
+        """How long the rows last that figures count, in s. n_rows: all rows."""
         return int(self.counted(n_rows).sum()) / self.rate_hz
 
 
@@ -187,7 +186,7 @@ class SetOrigin:
 
     @classmethod
     def of(cls, data: DataSet) -> SetOrigin:
-        """That of a set."""
+        """What an artifact remembers of a set."""
         seconds = sum(one.counted_s(len(one.samples)) for one in data.recordings)
         return cls(
             name=data.name,
@@ -241,7 +240,6 @@ class DataSet:
 
     @property
     def n_sensors(self) -> int:
-        """Number of 3-axis sensors."""
         return self.recordings[0].n_sensors
 
     def groups(self) -> list[str]:

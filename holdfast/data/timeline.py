@@ -213,7 +213,7 @@ class _GrossSlip(msgspec.Struct, frozen=True):
     gross_slip_s: float | None = None
 
 
-class Truth(_GrossSlip, frozen=True):
+class TruthFile(_GrossSlip, frozen=True):
     """A truth file, or nothing at all where a trial has none.
 
     phases: None where the file only says when the action starts. trials: of a recording of several,
@@ -280,7 +280,7 @@ class Truth(_GrossSlip, frozen=True):
         return tuple(events)
 
 
-def read_truth(path: Path) -> Truth:
+def read_truth(path: Path) -> TruthFile:
     """A truth file: `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`; times in s.
 
     Empty where there is none. Raises LabelError, also for a file without phases that does not say
@@ -291,7 +291,7 @@ def read_truth(path: Path) -> Truth:
         raise LabelError(
             "holds no list of phases", where=path, next_step="correct or remove it"
         )
-    return checked(raw, Truth, path, LabelError)
+    return checked(raw, TruthFile, path, LabelError)
 
 
 def events_of(

@@ -1,7 +1,7 @@
 """The kinds of sensor chip: what the driver of one offers to a hand, and the table that finds it.
 
 A chip is a folder of this package with its driver (a class Driver) and its emulation (a class Chip,
-as drivers/virtual/virtual_hand.py describes it). All that differs from chip to chip is in there:
+an EmulatedChip of drivers/virtual/virtual_hand.py). All that differs from chip to chip is in there:
 addresses, how it identifies itself, configuration, oversampling, which of its readings are new and
 which are faults, scale, and what a scan of a bus may ask it.
 """
@@ -53,7 +53,7 @@ class Readings(Protocol):
         ...
 
     def missed(self) -> None:
-        """No reply came."""
+        """No reply came to a read."""
         ...
 
     def judge(self, data: bytes, came_ns: int) -> tuple[Raw, str]:

@@ -56,7 +56,7 @@ class FingerState:
         return not self.ready or self._readings.converts
 
     def begin(self, now_ns: int) -> None:
-        """A bring-up begins."""
+        """A bring-up begins at this time; what was counted before it is over."""
         self.tried_ns = now_ns
         self.ready = False
         self.nacks = 0

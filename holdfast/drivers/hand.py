@@ -137,7 +137,6 @@ class Hand:
         }
 
     def close(self) -> None:
-        """Give the bridge back."""
         if self._bus is not None:
             self._bus.close()
             self._bus = None

@@ -82,6 +82,13 @@ def read_layout(text: str, addresses: Sequence[int]) -> tuple[Finger, ...]:
     if named := NAMED.fullmatch(text):
         mux = _address(named["mux"])
         places = LAYOUTS[named["name"]]
+        most = 1 + max(k for _, k in places)
+        if most > len(addresses):
+            raise UsageError(
+                f"layout={text} needs {most} addresses on one channel",
+                cause=f"the chip has {len(addresses)}",
+                next_step="layout=mux6, or a place for each finger, such as 0:35,1:35",
+            )
         return tuple(Finger(addresses[k], channel, mux) for channel, k in places)
     written = list(map(PLACE.fullmatch, text.split(",")))
     fingers = []

@@ -133,7 +133,6 @@ class SerialFeed:
         return self._lines.unfinished
 
     def close(self) -> None:
-        """Close the port."""
         if self._port is not None:
             close_port(self._port)
             self._port = None

@@ -359,7 +359,6 @@ class LineSource(Arrivals):
         return reading
 
     def close(self) -> None:
-        """Stop reading."""
         if self.ended:
             self._report(f"{self._feed.name}: its lines ended")
         self.skipped.close()

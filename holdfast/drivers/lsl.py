@@ -209,7 +209,6 @@ class LslInlet:
         return [(round(1e9 * at_s) + self._offset_ns, values) for at_s, values in pairs]
 
     def close(self) -> None:
-        """Stop receiving."""
         self._inlet.close_stream()
 
 
@@ -286,7 +285,6 @@ class LslSource(Arrivals):
             self.clock.wait_until(self.clock.now_ns() + round(1e9 * timeout_s))
 
     def close(self) -> None:
-        """Stop receiving."""
         self.skipped.close()
         self._inlet.close()
 

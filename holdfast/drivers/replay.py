@@ -184,7 +184,6 @@ class AveragedSource(SelfPaced):
         return SourceReading(int(t_ns[0]), mean[0], usable[0], why)
 
     def close(self) -> None:
-        """Close the source."""
         self._source.close()
 
 

@@ -160,7 +160,7 @@ class UsbPort:
 
 @contextmanager
 def named_errors(name: str = BRIDGE) -> Iterator[None]:
-    """pyusb's errors as ours."""
+    """Raise pyusb's errors as ours. name: of the bridge."""
     try:
         yield
     except usb.core.NoBackendError:

@@ -30,12 +30,10 @@ class Batch:
 
     @staticmethod
     def least(a: Number, b: Number) -> Number:
-        """The smaller of two."""
         return a if a < b else b
 
     @staticmethod
     def most(a: Number, b: Number) -> Number:
-        """The larger of two."""
         return a if a > b else b
 
     @staticmethod
@@ -45,7 +43,6 @@ class Batch:
 
     @staticmethod
     def no(flag: Flag) -> Flag:
-        """Not."""
         return not flag
 
     @staticmethod
@@ -65,16 +62,14 @@ class Batch:
         return all(flags)
 
     def zero(self) -> Number:
-        """0 for every hand."""
         return 0.0
 
     def false(self) -> Flag:
-        """False for every hand."""
         return False
 
 
 class ManyHands(Batch):
-    """B hands: arrays [B]."""
+    """Hands side by side: numbers and flags are arrays [B]."""
 
     def __init__(self, n_hands: int) -> None:
         self.n_hands = n_hands
@@ -86,7 +81,6 @@ class ManyHands(Batch):
 
     @staticmethod
     def no(flag: Flag) -> Flag:
-        """Not."""
         return np.logical_not(flag)
 
     @staticmethod
@@ -96,13 +90,11 @@ class ManyHands(Batch):
 
     @staticmethod
     def least(a: Number, b: Number) -> Number:
-        """The smaller of two."""
         # not np.minimum: where one of them is NaN, Python's comparison gives b
         return np.where(a < b, a, b)
 
     @staticmethod
     def most(a: Number, b: Number) -> Number:
-        """The larger of two."""
         return np.where(a > b, a, b)
 
     @staticmethod
@@ -122,11 +114,9 @@ class ManyHands(Batch):
         return all(bool(flag.all()) for flag in flags)
 
     def zero(self) -> Number:
-        """Zeros."""
         return np.zeros(self.n_hands)
 
     def false(self) -> Flag:
-        """No flag set."""
         return np.zeros(self.n_hands, dtype=np.bool_)
 
 

@@ -63,7 +63,7 @@ LARGEST = 1e9
 """No sensor reads more, N or uT."""
 
 
-def possible(batch: Batch, sense: GripSense) -> GripSense:
+def clamped(batch: Batch, sense: GripSense) -> GripSense:
     """The sense with its forces within 0 and LARGEST, and its probabilities within 0 and 1.
 
     A sample with a number that is NaN is unknown: it says nothing, and the grip is held. Without
@@ -321,7 +321,7 @@ class FrictionInUse:
         self._load_n = batch.zero()
         self._long_n = batch.zero()
         self._mean = batch.zero()
-        self._apart = batch.zero()
+        self._deviation = batch.zero()
         self.used = batch.zero()
         self.usual = batch.zero()
         self.makes = batch.false()
@@ -330,7 +330,7 @@ class FrictionInUse:
         """Take one sample: used is of this sample, usual of those before."""
         batch = self._batch
         self.used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
-        self.usual = self._mean + self.TIMES * self._apart
+        self.usual = self._mean + self.TIMES * self._deviation
         self.makes = wearer.closes | (wearer.seen_s < self.LEARNS_S)
 
         holds = sense.known & batch.no(sense.empty)
@@ -353,17 +353,17 @@ class FrictionInUse:
         batch = self._batch
         used = self.used
         share = batch.choose(self.makes, self._quick, self._slow)
-        apart = batch.most(used - self._mean, self._mean - used)
+        deviation = batch.most(used - self._mean, self._mean - used)
         mean = self._mean + share * (used - self._mean)
-        apart = self._apart + share * (apart - self._apart)
+        deviation = self._deviation + share * (deviation - self._deviation)
         self._mean = batch.choose(learns, mean, self._mean)
-        self._apart = batch.choose(learns, apart, self._apart)
+        self._deviation = batch.choose(learns, deviation, self._deviation)
 
     def _forget(self, empty: Flag) -> None:
         """The next hold is another one."""
         batch = self._batch
         self._mean = batch.choose(empty, 0.0, self._mean)
-        self._apart = batch.choose(empty, 0.0, self._apart)
+        self._deviation = batch.choose(empty, 0.0, self._deviation)
         self._load_n = batch.choose(empty, 0.0, self._load_n)
         self._long_n = batch.choose(empty, 0.0, self._long_n)
 
@@ -440,7 +440,7 @@ class SlipAnswer:
         return batch.choose(rises, ahead_n, kept_n), rises
 
     def _evidence(self, sense: GripSense) -> Number:
-        """0 to 1."""
+        """How much of a full answer a slip calls for, 0 to 1."""
         rules = self._rules
         if not rules.detects:
             return self._batch.zero()
@@ -565,7 +565,6 @@ class Holdfast(Controller):
     def want(
         self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
     ) -> Want:
-        """As Controller.want."""
         batch = self._batch
         wearer, friction = self._wearer, self._friction
         wearers_n = wearer.step(sense, given_n)

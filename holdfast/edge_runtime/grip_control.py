@@ -33,7 +33,7 @@ from holdfast.edge_runtime.grip import (
     AnswerRules,
     Controller,
     GripSense,
-    possible,
+    clamped,
 )
 from holdfast.edge_runtime.supervisor import (
     HOLD,
@@ -83,7 +83,6 @@ class FrictionMargin:
         self.margin = batch.zero()
 
     def step(self, sense: GripSense) -> None:
-        """Take in one sample."""
         batch = self._batch
         load_n = sense.load_n / self._gain
 
@@ -162,7 +161,7 @@ class GripLoop:
 
     def step(self, sense: GripSense) -> Number:
         """One sample, whatever it says: the target, N a side; 0 for none, up to the ceiling."""
-        sense = possible(self._batch, sense)
+        sense = clamped(self._batch, sense)
         self.margin.step(sense)
         # what was given, not what was wanted: a controller must not wind up
         margin = self.margin

@@ -118,7 +118,7 @@ WEIGHS = ("p_class", "weight")
 """Outputs that the monitor reads: always (ANSWERS), and where the model knows light and heavy."""
 
 
-def answers_of(card: ModelCard) -> list[str]:
+def answer_names(card: ModelCard) -> list[str]:
     """The outputs that answer for a model with this card."""
     weighs = WEIGHS if card.has_weight else ()
     return [*ANSWERS, *card.heads, *weighs]
@@ -144,7 +144,7 @@ def situations_of(out: Outputs, n_sensors: int) -> IntArray:
 
 def _require_fit(answers: Outputs, card: ModelCard) -> None:
     """Raise ValueError where the answers [T, ..] are not those that the card names."""
-    for name in answers_of(card):
+    for name in answer_names(card):
         if name not in answers:
             raise ValueError(f"it has no output {name}, which its card names")
 

@@ -116,12 +116,10 @@ class ModelCard(msgspec.Struct, frozen=True):
 
     @property
     def rate_hz(self) -> float:
-        """Of the samples."""
         return self.spec.rate_hz
 
     @property
     def unit(self) -> Unit:
-        """Of the values."""
         return self.spec.unit
 
     @property

@@ -41,7 +41,7 @@ from holdfast.edge_runtime.health import (
 from holdfast.edge_runtime.model import (
     Model as Model,  # both from here, as the README does
 )
-from holdfast.edge_runtime.model import answers_of, situations_of
+from holdfast.edge_runtime.model import answer_names, situations_of
 from holdfast.edge_runtime.model_file import ModelCard
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class GripMonitor:
         """What steps the model, as a line for people; "" for onnxruntime without more to say."""
         self._model = model
         self._fill = self.card.filler()
-        self._graph = model.stepper(answers_of(self.card))
+        self._graph = model.stepper(answer_names(self.card))
         self._clock_ns = clock_ns
         self._bias_known = bias_known
         self._has_counters = has_counters

@@ -72,11 +72,10 @@ class PreparedRecording:
 
     @property
     def rate_hz(self) -> float:
-        """By the median step."""
+        """The rate of the median step between two rows."""
         return 1.0 / float(np.median(np.diff(self.t_s)))
 
     def __iter__(self) -> Iterator[Sample]:
-        """Every sample in turn."""
         t_ns: IntArray = np.round(self.t_s * 1e9).astype(np.int64)
         for row in range(len(t_ns)):
             yield Sample(int(t_ns[row]), self.values[row], self.valid[row], row)

@@ -28,7 +28,7 @@ from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.core.schema import text_of
 
 WORDS = ("open", "close", "stop", "override")
-UNKNOWN = "unknown"
+UNKNOWN_INTENT = "unknown"
 EXPIRES_NS = SILENCE_NS
 """The word of a sender that has been silent for longer expires."""
 INTENT_HEADER = "Time (s),host (ns),wants"
@@ -61,7 +61,7 @@ class IntentMonitor:
         self._log = log
         self._looked_ns: int | None = None
         self.link: CommandLink = "none"
-        self.newest = Intent(0, UNKNOWN)
+        self.newest = Intent(0, UNKNOWN_INTENT)
         self.fresh: list[Intent] = []
 
     def command(self) -> Command:
@@ -88,12 +88,12 @@ class IntentMonitor:
         if self.link == "live" and now_ns - self.newest.t_ns > EXPIRES_NS:
             self._log("wearer: the stream is silent; what the wearer wants is unknown")
             self.link = "expired"
-            self.newest = Intent(now_ns, UNKNOWN)
+            self.newest = Intent(now_ns, UNKNOWN_INTENT)
             self.fresh.append(self.newest)
 
 
 def intent_of(wants: object, t_ns: int) -> Intent:
-    """An item. Raises ValueError."""
+    """What a word of the wearer's asks for. Raises ValueError for no such word."""
     if wants not in WORDS:
         raise ValueError(f"wants is one of {', '.join(WORDS)}")
     return Intent(t_ns, str(wants))
@@ -117,7 +117,7 @@ def read_intent(path: Path) -> list[Intent]:
             time_s, _, wants = line.rstrip("\r").split(",")[:3]
             # older files say so
             wants = "stop" if wants == "rest" else wants
-            if wants not in (UNKNOWN, ""):
+            if wants not in (UNKNOWN_INTENT, ""):
                 items.append(intent_of(wants, round(1e9 * float(time_s))))
         except ValueError as error:
             next_step = f"correct it, or choose a file that begins with {INTENT_HEADER}"

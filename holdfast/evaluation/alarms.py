@@ -35,7 +35,7 @@ DRAWS = 1000
 
 
 @dataclass(frozen=True)
-class Answers:
+class RecordingAnswers:
     """One recording as it was answered, sample by sample from its first one on.
 
     situation: [T], UNKNOWN or 0..3. risky_permille: [T], thousandths of the votes (or of the
@@ -48,7 +48,9 @@ class Answers:
 
 
 def act_requests(
-    answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: Sequence[int]
+    answers: Sequence[RecordingAnswers],
+    rules: DecisionRules,
+    min_risky_permille: Sequence[int],
 ) -> list[BoolArray]:
     """[T, K] a stream: whether an act is requested, at each of K confidences.
 
@@ -59,13 +61,15 @@ def act_requests(
 
 
 def requests_at(
-    answers: Sequence[Answers], rules: DecisionRules, permille: int
+    answers: Sequence[RecordingAnswers], rules: DecisionRules, permille: int
 ) -> list[BoolArray]:
     """[T] a stream: whether an act is requested, from one confidence on."""
     return [on[:, 0] for on in act_requests(answers, rules, [permille])]
 
 
-def _requests(answers: Answers, rules: DecisionRules, least: IntArray) -> BoolArray:
+def _requests(
+    answers: RecordingAnswers, rules: DecisionRules, least: IntArray
+) -> BoolArray:
     """A request lasts from its last call until release, or until evidence is missing for too long.
 
     An unknown sample neither calls nor releases, and breaks no run of samples that do.
@@ -216,7 +220,7 @@ def within_event(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArr
 
 
 def choose_confidence(
-    answers: Sequence[Answers], rules: DecisionRules, most_false_per_min: float
+    answers: Sequence[RecordingAnswers], rules: DecisionRules, most_false_per_min: float
 ) -> int:
     """The lowest of CONFIDENCES that allows so few false alarms.
 
@@ -302,7 +306,6 @@ class EventTimes:
     of_known_gross: int = 0
 
     def add(self, outcome: AlarmOutcome) -> None:
-        """Count one event."""
         self.of_known_gross += outcome.event.gross_s is not None
         # A missed event has no delay; it lowers the recall instead.
         if outcome.delay_s is None:

@@ -34,7 +34,12 @@ from holdfast.data.recording import DataSet, Recording
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import open_session, steps_of
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.alarms import CONFIDENCES, Answers, match_alarms, requests_at
+from holdfast.evaluation.alarms import (
+    CONFIDENCES,
+    RecordingAnswers,
+    match_alarms,
+    requests_at,
+)
 from holdfast.evaluation.baseline_signals import (
     band_pass_fires,
     cone_fires,
@@ -92,8 +97,8 @@ def baselines(
 ) -> list[Baseline]:
     """The baselines of a model of this step. forest: None without a set to train it on."""
     # Bank and cone read the same pass of guard and bank over a set.
-    signals = _kept(partial(detector_signals, spec))
-    bank = _kept(_bank(spec, rules, signals))
+    signals = _remember_last(partial(detector_signals, spec))
+    bank = _remember_last(_bank(spec, rules, signals))
     # The order is that of the report: detectors, forest, oracle.
     found = [Baseline(BAND, BAND_RATIOS, bank)]
     if "friction_cone" in detector_names(spec):
@@ -108,7 +113,7 @@ def baselines(
     # Without a training set there is no forest to compare with.
     if forest:
         confidences = tuple(map(float, CONFIDENCES))
-        thesis = _kept(_raw_forest(forest, rules))
+        thesis = _remember_last(_raw_forest(forest, rules))
         found.append(Baseline(RAW, confidences, thesis))
 
     return [*found, Baseline(ORACLE, (0.0,), _oracle)]
@@ -120,7 +125,7 @@ Law = Callable[[Any, float], BoolArray]
 """Signals of a recording, a setting -> [T] where a detector fires."""
 
 
-def _kept(compute: OnRecordings[Computed]) -> OnRecordings[Computed]:
+def _remember_last(compute: OnRecordings[Computed]) -> OnRecordings[Computed]:
     """The same function, which keeps its last result: a set is matched on, then scored."""
     last: list[tuple[Sequence[Recording], Computed]] = []
 
@@ -185,7 +190,7 @@ def _raw_forest(forest: bytes, rules: DecisionRules) -> OnRecordings[Requests]:
         for one, out in zip(recordings, computed, strict=True):
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
             permille = risky_permille(out["votes"].astype(np.int64))
-            answers.append(Answers(one, situation, permille))
+            answers.append(RecordingAnswers(one, situation, permille))
 
         return lambda permille: requests_at(answers, rules, int(permille))
 
@@ -230,7 +235,7 @@ def held_until_let_go(
         situation = np.where(held, slips_or_not, NOTHING)
         # A detector has no probability: it is fully confident whenever it fires.
         certain = np.full(len(situation), 1000)
-        answers.append(Answers(one, situation, certain))
+        answers.append(RecordingAnswers(one, situation, certain))
 
     # A detector has thresholds of its own against noise, and acts on its first sample.
     return requests_at(answers, replace(rules, act_samples=1), 0)

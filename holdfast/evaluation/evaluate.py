@@ -139,7 +139,7 @@ def _require_apart(request: EvaluationRequest) -> None:
 
 @dataclass(frozen=True)
 class _Run:
-    """One evaluation under way."""
+    """What the parts of one evaluation share."""
 
     model: OpenedModel
     request: EvaluationRequest

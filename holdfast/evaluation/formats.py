@@ -208,7 +208,7 @@ class Host:
 
 
 def host() -> Host:
-    """This machine."""
+    """The machine that computes, as results name it."""
     return Host(platform.machine(), platform.system(), os.cpu_count())
 
 

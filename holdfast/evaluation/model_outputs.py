@@ -19,7 +19,7 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, Steps
 from holdfast.edge_runtime.model import LABEL, situations_of
 from holdfast.edge_runtime.monitor import require_fit
-from holdfast.evaluation.alarms import Answers
+from holdfast.evaluation.alarms import RecordingAnswers
 from holdfast.step.heads import riskier_argmax
 from holdfast.step.network import IntArray
 from holdfast.training.crossval import pick_rows, stepped
@@ -32,7 +32,7 @@ NO_CLASS = -1
 
 
 @dataclass(frozen=True)
-class ModelOutputs(Answers):
+class ModelOutputs(RecordingAnswers):
     """The outputs of a model file on one recording; its answers are what the decision is made from.
 
     p_situation [T, 4]. eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP, BoolArray
 from holdfast.data.recording import Recording, runs_of
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.scored_set import Times
+from holdfast.evaluation.scored_set import SetTimes
 from holdfast.evaluation.states import CalibrationBin
 from holdfast.evaluation.style import (
     INK,
@@ -180,7 +180,7 @@ def _shown_s(recording: Recording, last_s: float) -> tuple[float, float]:
     return 0.0, min(last_s, MOST_SHOWN_S)
 
 
-def distributions(times: dict[str, Times], kind: str) -> str:
+def distributions(times: dict[str, SetTimes], kind: str) -> str:
     """Share of the detected events by delay and lead in ms, one panel a set; "" without events."""
     many = {}
     for name, one in times.items():

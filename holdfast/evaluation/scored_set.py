@@ -229,7 +229,7 @@ def _card(
     )
 
 
-class Times(NamedTuple):
+class SetTimes(NamedTuple):
     """Times of a set's events: load onset to the first risky state, ms, and those of the alarms."""
 
     to_state_ms: list[float]
@@ -250,7 +250,7 @@ class Evaluation:
     rows: dict[str, MethodFigures]
     mcnemar: dict[str, McNemar]
     drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
-    times: dict[str, Times] = field(default_factory=dict)
+    times: dict[str, SetTimes] = field(default_factory=dict)
     central: AnsweredTrial | None = None
 
     def to_json(self) -> Json:
@@ -299,7 +299,7 @@ def all_sets(
         if one.figures.card.events:
             headline = one.methods[thresholds.headline]
             of_events = event_times([outcome.match for outcome in headline])
-            times[name] = Times(one.to_state_ms, of_events)
+            times[name] = SetTimes(one.to_state_ms, of_events)
 
     return Evaluation(
         model=card,

@@ -142,7 +142,6 @@ class LabelledSamples:
         )
 
     def where(self, rows: BoolArray) -> LabelledSamples:
-        """Some of them."""
         picked = [values[rows] for values in vars(self).values()]
         return LabelledSamples(*picked)
 

@@ -7,11 +7,11 @@ writes a changed copy of such a file, c/ its C form. Nothing here imports traini
 is `holdfast export` as a script.
 """
 
-from holdfast.core.links import link, moved
+from holdfast.core.links import link, link_old_names
 
 if __name__ == "export":  # imported by the link at the top of a checkout
     link(__name__)
 else:
     of_graph = ["builder", "detectors", "features", "guard", "history", "spec"]
     of_learner = ["artifact", "heads", "learner", "network", "pooled", "pooled_graph"]
-    moved(__name__, "step", of_graph + of_learner)
+    link_old_names(__name__, "step", of_graph + of_learner)

@@ -17,7 +17,7 @@ from onnx import helper
 from holdfast.core.errors import VerificationFailed
 from holdfast.step.heads import Correction, FloatRows, Head, learned_name
 from holdfast.step.learner import Forest, Learner, leaf_votes
-from holdfast.step.network import Inputs
+from holdfast.step.network import InputScale
 
 THRESHOLD_ROWS, THRESHOLD_SHARE = 20_000, 0.9
 """Rows on thresholds of the trees, and the share of features that are moved there."""
@@ -55,11 +55,11 @@ def hard_rows_of(correction: Correction | None, rows: FloatRows) -> FloatRows:
     # Of the correction's inputs, the first n are the features. Magnitudes and votes follow from
     # them, so only features can be moved to a step.
     inputs = correction.network.inputs
-    features = Inputs(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
+    features = InputScale(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
     return np.concatenate([edge_rows(n), step_rows(features, rows, 0)])
 
 
-def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
+def step_rows(inputs: InputScale, rows: FloatRows, seed: int) -> FloatRows:
     """Rows in which some inputs are where rounding steps, or at a neighbouring float32."""
     rng = np.random.default_rng(seed)
     hard = rows[rng.integers(len(rows), size=STEP_ROWS)]
@@ -70,7 +70,7 @@ def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
     # s = +-1 is reached only at infinity
     squashed = np.clip((half - inputs.offset) / inputs.gain, -0.999, 0.999)
     exact = squashed * inputs.knee / (1.0 - np.abs(squashed))
-    return _moved(hard, exact.astype(np.float32), STEP_SHARE, rng)
+    return _near_thresholds(hard, exact.astype(np.float32), STEP_SHARE, rng)
 
 
 def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
@@ -87,10 +87,10 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
     on = np.zeros_like(hard)
     for column in np.unique(feature[feature >= 0]):
         on[:, column] = rng.choice(at[feature == column], THRESHOLD_ROWS)
-    return _moved(hard, on, THRESHOLD_SHARE, rng)
+    return _near_thresholds(hard, on, THRESHOLD_SHARE, rng)
 
 
-def _moved(
+def _near_thresholds(
     rows: FloatRows, to: FloatRows, share: float, rng: np.random.Generator
 ) -> FloatRows:
     """Rows with a share of their numbers moved: to the number itself, or its neighbour.

@@ -35,7 +35,7 @@ from holdfast.core.contract import FloatArray, Json, Sample
 from holdfast.core.lines import LineWriter
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip_control import GripControl
-from holdfast.edge_runtime.model import Model, answers_of, golden_input
+from holdfast.edge_runtime.model import Model, answer_names, golden_input
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.live.hand_files import force_of
 from holdfast.live.loop import Summary, percentiles
@@ -183,7 +183,7 @@ def step_of(model: OpenedModel) -> Callable[[], object]:
     """Step over the golden sequence with its faults again and again."""
     card = model.card
     rows = golden_input(card.n_channels, card.unit, card.settle_samples)
-    graph = model.stepper(answers_of(card))
+    graph = model.stepper(answer_names(card))
     turn = cycle(zip(*rows, strict=True))
 
     def step() -> None:

@@ -30,14 +30,14 @@ from holdfast.live.outputs import STOPPED
 Kind = Literal["unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """The situations, and before them the decision's requests; the first that applies counts."""
-UNKNOWN = KINDS[0]
+UNKNOWN_CUE = KINDS[0]
 QUIET = "quiet"
 LONGEST_MS = 60_000
 Milliseconds = Annotated[int, msgspec.Meta(ge=0, le=LONGEST_MS)]
 MS_NS, SECOND_NS = 1_000_000, 1_000_000_000
 QUIET_NS = SECOND_NS
 """Where no cue was sent for so long, a line shows that the run goes on."""
-EXPIRES_MS = 3000
+CUE_EXPIRES_MS = 3000
 """A device that has got no line for so long knows nothing any more, as in `unknown`."""
 SHIPPED = Path(__file__).with_name("cues.toml")
 
@@ -80,11 +80,11 @@ class CueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         """Raise ValueError where `unknown` is missing, or felt as another cue."""
         # without it, a hand that feels nothing is silent like a safe one
-        if UNKNOWN not in self.rules:
+        if UNKNOWN_CUE not in self.rules:
             raise ValueError("no [cues.unknown]; allowed: a pattern of its own")
         # a wearer does not tell them apart by strength alone
         felt = [rule.felt for rule in self.rules.values()]
-        if felt.count(self.rules[UNKNOWN].felt) > 1:
+        if felt.count(self.rules[UNKNOWN_CUE].felt) > 1:
             raise ValueError(
                 "a cue has the same pulses as [cues.unknown]; allowed: a pattern of its own"
             )
@@ -142,7 +142,7 @@ def cue_line(sequence: int, t_ns: int, kind: str, rule: CueRule) -> str:
         "on_ms": rule.on_ms,
         "off_ms": rule.off_ms,
         "strength": rule.strength,
-        "expires_ms": EXPIRES_MS,
+        "expires_ms": CUE_EXPIRES_MS,
     }
     return encode(line).decode()
 
@@ -214,7 +214,7 @@ def open_cues(
 
     def last(sequence: int, t_ns: int, reason: str) -> str:
         # it ends the cues, or begins them after a failure: the state is not known
-        return cue_line(sequence, t_ns, UNKNOWN, table.rules[UNKNOWN])
+        return cue_line(sequence, t_ns, UNKNOWN_CUE, table.rules[UNKNOWN_CUE])
 
     effect = "the wearer feels no cue"
     return CueOutput(

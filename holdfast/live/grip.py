@@ -44,7 +44,11 @@ Report = Callable[[str], None]
 def checked_rules(
     given: Mapping[str, Any], where: Path | str = "rules"
 ) -> dict[str, float]:
-    """The table [rules] of a file of settings: numbers of AnswerRules. Raises CardError."""
+    """The table [rules] of a file of settings: numbers of AnswerRules. Raises CardError.
+
+    Called once, where the file is read: there a mistake is named with its file, also in a run
+    without a grip.
+    """
     kinds = {
         name: Annotated[float, one] | None for name, one in ranges(AnswerRules).items()
     }
@@ -63,14 +67,14 @@ def controller_for(
     ceiling_n: float | None = None,
     most_over_n: float | None = None,
     shear_gain: float | None = None,
-    rules: Mapping[str, Any] | None = None,
+    rules: Mapping[str, float] | None = None,
 ) -> GripControl:
     """A controller that fits a model. ceiling_n: largest grip of the hand, None for the usual one.
 
     most_over_n: no target is further above the wearer's grip, None for no such end.
     shear_gain: read over true, of the hand's calibration; None where it was not measured.
-    rules: numbers of AnswerRules that take the place of the model's.
-    report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError, CardError.
+    rules: numbers of AnswerRules, as checked_rules gives them, that take the place of the model's.
+    report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
     n_sensors = card.n_channels // 3
     if card.thumb is None:
@@ -81,7 +85,7 @@ def controller_for(
             "or run without --grip",
         )
 
-    others = {"most_over_n": most_over_n or math.inf, **checked_rules(rules or {})}
+    others = {"most_over_n": most_over_n or math.inf, **(rules or {})}
     answers = AnswerRules.of(card.decision, **others)
     if answers.from_p >= answers.full_p:
         raise UsageError(
@@ -124,7 +128,7 @@ class GripOutput:
 
     @property
     def leaves(self) -> bool:
-        """Whether commands leave."""
+        """Whether commands reach the hand: a link can break."""
         return self.link is None or self.link.works
 
     def begin(self, source: Source) -> None:

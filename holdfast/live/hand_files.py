@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 SILENT_S = 2.0
 """A sensor that was not valid for so long after the start is named."""
-MOST_N = 200.0
-"""No fingertip is pressed harder."""
+HARDEST_N = 200.0
+"""No fingertip is pressed harder, by a hand or by a probe."""
 PULLS_FLOORS, PULLS_S = 2.0, 0.1
 """A fingertip is not pulled at: it reads so many touches (normal_floor) below zero, for so long,
 where its zero was taken from a closed hand."""
@@ -72,7 +72,6 @@ class AnswerWatch:
         reading: SourceReading,
         command: object = None,
     ) -> None:
-        """Look at one reading."""
         self._heard |= reading.valid
         self._left -= 1
         if self._left == 0:
@@ -133,10 +132,10 @@ class ZeroWatch:
         most = float(np.abs(normal[sample.valid]).max(initial=0.0))
         sensor = int(self._below.argmax())
 
-        if unit == "N" and most > MOST_N:
+        if unit == "N" and most > HARDEST_N:
             warning = (
-                f"{most:.4g} N along a normal, and no hand presses with more than {MOST_N:g}: are "
-                "these mN? Send N, or name the unit in a map"
+                f"{most:.4g} N along a normal, and no hand presses with more than {HARDEST_N:g}: "
+                "are these mN? Send N, or name the unit in a map"
             )
         elif self._below[sensor] > self._longest:
             why = "it was pressed when its zero was taken"
@@ -191,13 +190,13 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
         return read_calibration(Path(calibration)).shear_gain
 
     if url.startswith("virtual://"):
-        from holdfast.simulation.magnet import shear_gain
+        from holdfast.simulation.effects.magnet import shear_gain
 
         return shear_gain()
     if not url.startswith(SIM):
         return None
     from holdfast.live.scene import trial_of
-    from holdfast.simulation.magnet import shear_gain_in
+    from holdfast.simulation.effects.magnet import shear_gain_in
 
     return shear_gain_in(trial_of(source_url(url))[0].file.effects)
 

@@ -106,7 +106,6 @@ class UnixPort:
         self._sender.send(line)
 
     def close(self) -> None:
-        """Close the socket."""
         self._sender.close()
 
 
@@ -159,7 +158,6 @@ class SerialPort:
         self._port.write(line + b"\n")
 
     def close(self) -> None:
-        """Close the port."""
         close_port(self._port)
 
 

@@ -199,17 +199,17 @@ def seconds_text(t_ns: int) -> str:
 class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
-    watched, kept: sinks that get their lines elsewhere and are only checked for failures, or closed
+    only_checked, also_closed: sinks that get their lines elsewhere: checked for failures, or closed
     with the others too. report: receives a line for each failure. failures: the error by the sink's
     name. not_learned: what the model cannot tell.
     """
 
     sinks: list[Sink]
     report: Callable[[str], object]
-    watched: Sequence[Sink] = ()
+    only_checked: Sequence[Sink] = ()
     not_learned: Collection[str] = ()
     failures: dict[str, OSError] = field(default_factory=dict)
-    kept: list[Sink] = field(default_factory=list)
+    also_closed: list[Sink] = field(default_factory=list)
 
     @property
     def dropped(self) -> int:
@@ -217,7 +217,7 @@ class LineOutput:
         return sum(sink.dropped for sink in self._closed_here())
 
     def _closed_here(self) -> list[Sink]:
-        return [*self.sinks, *self.kept]
+        return [*self.sinks, *self.also_closed]
 
     def write(
         self,
@@ -235,7 +235,7 @@ class LineOutput:
 
     def _note_failures(self) -> None:
         """Report each sink that has failed, once; it gets no more lines."""
-        for sink in (*self._closed_here(), *self.watched):
+        for sink in (*self._closed_here(), *self.only_checked):
             error = sink.failure
             if error is not None and sink.name not in self.failures:
                 self.failures[sink.name] = error
@@ -258,12 +258,52 @@ class LineOutput:
         self._note_failures()
 
 
-class SampleFile:
+class RowFile:
+    """A new CSV with a row an answer; its first column is the time in s since the first sample.
+
+    What it adds is in `_cells`. first_ns: time of the first sample, None before it. After a failure
+    it takes no more rows: the run's lines report it, and the run goes on. Raises OutputError.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self.path = path
+        self.sink = file_sink(path, ",".join(columns))
+        self.first_ns: int | None = None
+
+    def write(
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading | None = None,
+        command: GripCommand | None = None,
+    ) -> None:
+        """Add the row of one answer."""
+        if self.sink.failure is not None:
+            return
+        # the first sample sets the time axis, also of the intent's log
+        if self.first_ns is None:
+            self.first_ns = sample.t_ns
+
+        time_s = seconds_text(sample.t_ns - self.first_ns)
+        self.sink(",".join([time_s, *self._cells(prediction, sample, command)]))
+
+    def _cells(
+        self, prediction: Prediction, sample: Sample, command: GripCommand | None
+    ) -> list[str]:
+        """What stands behind the time."""
+        raise NotImplementedError
+
+    def close(self, reason: str = STOPPED) -> None:
+        """Wait for the last rows."""
+        self.sink.close()
+
+
+class SampleFile(RowFile):
     """A new CSV of prepared samples that replays to the same states, row by row.
 
     Columns: Time, X1 .. Zn, valid1 .. validn, sequence and prepared_UNIT (core/trial_file.py).
     Invalid values are written as they are, nan too; an axis that the hand does not measure is nan.
-    All digits are kept. first_ns: time of the first sample, None before it. Raises OutputError.
+    All digits are kept.
     """
 
     def __init__(
@@ -277,73 +317,34 @@ class SampleFile:
         """zero: what was removed from the samples. hand: the model's."""
         sensors = n_channels // 3
         names = [TIME_COLUMN, *channel_names(sensors), *valid_names(sensors)]
-        self.path = path
-        self.sink = file_sink(path, ",".join([*names, "sequence", f"prepared_{unit}"]))
-        self.first_ns: int | None = None
+        super().__init__(path, [*names, "sequence", f"prepared_{unit}"])
         self._zero = str(1 + ZEROS.index(zero))
         self._hand = hand
 
-    def write(
-        self,
-        prediction: Prediction,
-        sample: Sample,
-        reading: SourceReading | None = None,
-        command: GripCommand | None = None,
-    ) -> None:
-        """One line, with the time in s since the first sample."""
-        # a file that failed was reported already, and the run goes on without it
-        if self.sink.failure is not None:
-            return
-        # the first sample sets the time axis, also of the intent's log
-        if self.first_ns is None:
-            self.first_ns = sample.t_ns
-
-        cells = [seconds_text(sample.t_ns - self.first_ns)]
-        cells += map(repr, leave_empty(sample.values, self._hand).tolist())
-        cells += ["1" if valid else "0" for valid in sample.valid]
-        cells += [str(sample.sequence), self._zero]
-        self.sink(",".join(cells))
-
-    def close(self, reason: str = STOPPED) -> None:
-        """Wait for the last lines."""
-        self.sink.close()
+    def _cells(
+        self, prediction: Prediction, sample: Sample, command: GripCommand | None
+    ) -> list[str]:
+        values = leave_empty(sample.values, self._hand)
+        valid = ["1" if one else "0" for one in sample.valid]
+        return [*map(repr, values.tolist()), *valid, str(sample.sequence), self._zero]
 
 
-class AnswerFile:
-    """A new CSV of answers, one row each, for a spreadsheet.
+class AnswerFile(RowFile):
+    """A new CSV of answers, for a spreadsheet.
 
-    Columns: time_s since the first sample; state; p_risky, empty where it is not known; act, 0 or
-    1; target_n, N of either side, empty where no target is commanded. not_learned: what the model
-    cannot tell. Raises OutputError.
+    Columns: time_s; state; p_risky, empty where it is not known; act, 0 or 1; target_n, N of either
+    side, empty where no target is commanded. not_learned: what the model cannot tell.
     """
 
     def __init__(self, path: Path, not_learned: Collection[str] = ()) -> None:
-        self.sink = file_sink(path, "time_s,state,p_risky,act,target_n")
+        super().__init__(path, ["time_s", "state", "p_risky", "act", "target_n"])
         self._tells_risky = RISKY not in not_learned
-        self._first_ns: int | None = None
 
-    def write(
-        self,
-        prediction: Prediction,
-        sample: Sample,
-        reading: SourceReading | None = None,
-        command: GripCommand | None = None,
-    ) -> None:
-        """One row."""
-        # a file that failed was reported already, and the run goes on without it
-        if self.sink.failure is not None:
-            return
-        if self._first_ns is None:
-            self._first_ns = sample.t_ns
-
-        time_s = seconds_text(sample.t_ns - self._first_ns)
+    def _cells(
+        self, prediction: Prediction, sample: Sample, command: GripCommand | None
+    ) -> list[str]:
         known = self._tells_risky and math.isfinite(prediction.p_risky)
         p_risky = repr(prediction.p_risky) if known else ""
-        act = str(int(prediction.act))
         target_n = None if command is None else command.target_n
         target = "" if target_n is None else repr(target_n)
-        self.sink(",".join([time_s, prediction.state, p_risky, act, target]))
-
-    def close(self, reason: str = STOPPED) -> None:
-        """Wait for the last rows."""
-        self.sink.close()
+        return [prediction.state, p_risky, str(int(prediction.act)), target]

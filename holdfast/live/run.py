@@ -48,8 +48,8 @@ from holdfast.live.running import (
     RunClock,
     ServiceWatchdog,
     StopRequest,
-    first_in_line,
     output_from_the_background,
+    real_time_priority,
     stop_signals,
     until,
 )
@@ -216,7 +216,7 @@ class OpenRun:
             source = at_rate(source, self.card.rate_hz, self.report)
 
             # after all threads and processes have started: they must not have this priority
-            stack.enter_context(first_in_line(self.report))
+            stack.enter_context(real_time_priority(self.report))
             # the last commands leave before the source is closed, which may take long
             with closing(source), ExitStack() as before_source:
                 for output in moving:
@@ -302,7 +302,7 @@ class OpenRun:
 
     def keep(self, sink: Sink, path: Path) -> None:
         """Watch and close the sink of a new file, which goes where the run is refused."""
-        self.lines.kept.append(sink)
+        self.lines.also_closed.append(sink)
         self.new_files.append(path)
 
     @property

@@ -39,7 +39,6 @@ class RunClock(MonotonicClock):
     """Real time; a virtual hand's transfers wait on it."""
 
     def spend(self, duration_ns: int) -> None:
-        """Let time pass."""
         self.wait_until(self.now_ns() + duration_ns)
 
 
@@ -84,7 +83,7 @@ def real_time() -> Iterator[bool]:
 
 
 @contextmanager
-def first_in_line(report: Callable[[str], None]) -> Iterator[bool]:
+def real_time_priority(report: Callable[[str], None]) -> Iterator[bool]:
     """Real-time priority, or one message that there is none."""
     with real_time() as allowed:
         if not allowed:
@@ -179,7 +178,7 @@ class ServiceWatchdog:
         reading: object = None,
         command: object = None,
     ) -> None:
-        """An answer was given."""
+        """Say that the first answer was given, and from then on that the run is alive."""
         now_ns = prediction.t_decided_ns
         if self._last_ns < 0:
             self._send("READY=1")
@@ -188,7 +187,6 @@ class ServiceWatchdog:
             self._last_ns = now_ns
 
     def close(self, reason: str = "") -> None:
-        """The run ends."""
         self._send("STOPPING=1")
         self._sender.close()
 

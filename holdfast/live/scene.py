@@ -32,16 +32,16 @@ from holdfast.drivers.replay import Replay
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.running import RunClock
-from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.effect import EFFECT_MODULES
-from holdfast.simulation.loop_people import Habits
-from holdfast.simulation.loop_physics import HandsAndObjects, Spans
-from holdfast.simulation.loop_sensing import LoopSensors
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script_times import grid_of
-from holdfast.simulation.truth import Truth, truth_of
+from holdfast.simulation.effects.effect import EFFECT_MODULES
+from holdfast.simulation.loop.drive import Actuator, Drive
+from holdfast.simulation.loop.people import Habits
+from holdfast.simulation.loop.physics import HandsAndObjects, Spans
+from holdfast.simulation.loop.sensing import LoopSensors
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.script_times import grid_of
+from holdfast.simulation.scenes.truth import Truth, truth_of
 
 FIELD_HZ = 1000.0
 """Rate of a recorded field for the virtual chips, each of which converts it at its time."""
@@ -122,7 +122,7 @@ def planned_trial(
     # the virtual chip adds its own noise and quantisation, which must not count twice
     effects: dict[str, dict[str, float]] = {"dipole": {}}
     for effect, values in card.effects.items():
-        if EFFECT_MODULES[effect] != "chip":
+        if EFFECT_MODULES[effect] != "effects.chip":
             effects[effect] = values
 
     steps = card.step_s if step_s is None else step_s
@@ -181,7 +181,7 @@ class SceneOutcome:
     truth: Truth
 
     def line(self) -> str:
-        """One line for people."""
+        """What became of the object, in one line."""
         end = f"the object is in the hand after {self.until_s:.1f} s"
         if self.truth.contact_s is None:
             end = "the hand has not closed yet"

@@ -70,7 +70,7 @@ RateHz = Annotated[float, msgspec.Meta(ge=1.0, le=10_000.0)]
 
 
 class NoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """None."""
+    """Those of a source that has none."""
 
 
 class HandOptions(NoOptions, frozen=True):
@@ -116,7 +116,7 @@ class LinesOptions(StreamOptions, frozen=True):
 
 
 class SerialOptions(LinesOptions, frozen=True):
-    """Of a serial port."""
+    """Those of lines from a serial port."""
 
     baud: Annotated[int, msgspec.Meta(ge=50, le=4_000_000)] = 115_200
 

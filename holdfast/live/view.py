@@ -106,7 +106,6 @@ class View:
         return self._thread.is_alive() and not self._done.is_set()
 
     def start(self) -> None:
-        """Begin to draw."""
         self._thread.start()
 
     def close(self, reason: str = STOPPED) -> None:

@@ -112,7 +112,6 @@ class LineWords:
         return []
 
     def close(self) -> None:
-        """Report the last counts."""
         self._skipped.close()
 
 

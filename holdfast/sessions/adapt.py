@@ -22,21 +22,21 @@ from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed, votes_in_all
-from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
+from holdfast.evaluation.alarms import RecordingAnswers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.export.changed import adapted, is_adapted, undone, verify_adapted
 from holdfast.export.exporting import write_model
 from holdfast.export.verify import AdaptedVerification
 from holdfast.sessions.adapt_evidence import (
+    CandidateRows,
     LabelWeights,
     PersonCounts,
-    Stream,
     corrected,
     counts_of,
     fit_correction,
     label_weights,
-    moved,
     streams_of,
+    with_offset,
 )
 from holdfast.step.heads import Correction
 
@@ -119,11 +119,11 @@ class OperatingPoint:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class PersonEvidence:
     """A person's trials and those of other slips; rules, weights and votes of the base."""
 
-    person: Sequence[Stream]
-    others: Sequence[Stream]
+    person: Sequence[CandidateRows]
+    others: Sequence[CandidateRows]
     rules: DecisionRules
     weights: LabelWeights
     votes_in_all: int
@@ -136,7 +136,7 @@ class Evidence:
         else:
             fits = [self._fitted_without(fold) for fold in range(FOLDS)]
             for nats in NATS:
-                corrections = [moved(fit, nats) for fit in fits]
+                corrections = [with_offset(fit, nats) for fit in fits]
                 points += self._points(corrections, nats, PERMILLE)
 
         # The base itself sets the recall to keep.
@@ -158,7 +158,7 @@ class Evidence:
         if point.nats is None:
             return None
         fitted = fit_correction(self.person, self.others, self.votes_in_all)
-        return moved(fitted, point.nats)
+        return with_offset(fitted, point.nats)
 
     def _fitted_without(self, fold: int) -> Correction:
         """A trial of the others must not judge a correction that has seen it either."""
@@ -196,8 +196,8 @@ class Evidence:
                 yield OperatingPoint(nats, at_least, reached)
 
     def _answers(
-        self, streams: Sequence[Stream], corrections: Sequence[Correction | None]
-    ) -> list[Answers]:
+        self, streams: Sequence[CandidateRows], corrections: Sequence[Correction | None]
+    ) -> list[RecordingAnswers]:
         """Each trial's, by the correction that has not seen it."""
         answers = []
         for k, stream in enumerate(streams):
@@ -211,7 +211,7 @@ def _cost(point: OperatingPoint) -> tuple[float, ...]:
 
 
 def _called_samples(
-    answers: Sequence[Answers], rules: DecisionRules, permille: int
+    answers: Sequence[RecordingAnswers], rules: DecisionRules, permille: int
 ) -> int:
     """Samples that are risky, together with others, for as long as an act needs."""
     needed = np.ones(rules.act_samples)
@@ -226,7 +226,7 @@ def _called_samples(
 
 
 def _reached(
-    answers: Sequence[Answers],
+    answers: Sequence[RecordingAnswers],
     requests: Sequence[BoolArray],
     called_samples: int,
     of_person: int,
@@ -315,7 +315,7 @@ def adapt_file(
 
     begin("fitting the correction, each trial held out in turn")
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
-    evidence = Evidence(of_own, of_others, rules, label_weights(model), in_all)
+    evidence = PersonEvidence(of_own, of_others, rules, label_weights(model), in_all)
     # Without a sample that may be called risky, only the decision's parameters can be adapted.
     point = evidence.choose(threshold_only=not any(len(one.row) for one in of_own))
     of_base = evidence.base_figures()

@@ -27,7 +27,7 @@ from holdfast.data.recording import DataSet, Recording
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.alarms import COLLAR_S, Answers, within_event
+from holdfast.evaluation.alarms import COLLAR_S, RecordingAnswers, within_event
 from holdfast.evaluation.model_outputs import (
     everywhere,
     require_model_fits,
@@ -46,7 +46,7 @@ from holdfast.step.network import (
     INPUT_MOST,
     LOGIT_STEPS,
     Float32Array,
-    Inputs,
+    InputScale,
     IntArray,
     Layer,
     Network,
@@ -82,14 +82,14 @@ LabelWeights = tuple[float, ...] | None
 
 
 @dataclass(frozen=True)
-class Stream:
+class CandidateRows:
     """The base's answers on one recording, and its candidate rows.
 
     answers: of the base. row [M]: samples that may be called risky. features [M, F]. votes [M, K].
     event [M]: which risky event of the recording each belongs to, or NO_EVENT.
     """
 
-    answers: Answers
+    answers: RecordingAnswers
     row: IntArray
     features: FloatRows
     votes: IntArray
@@ -111,10 +111,12 @@ class PersonCounts:
     slips: int
 
 
-def streams_of(model: Model, data: DataSet, part: Part = ignored) -> list[Stream]:
+def streams_of(
+    model: Model, data: DataSet, part: Part = ignored
+) -> list[CandidateRows]:
     """A model's answers and candidate rows on a set. Raises ChannelError, UnitError, RateError."""
     require_model_fits(model, data)
-    streams: list[Stream] = []
+    streams: list[CandidateRows] = []
     recordings = data.recordings
 
     for first in range(0, len(recordings), AT_ONCE):
@@ -134,7 +136,7 @@ def label_weights(model: Model) -> LabelWeights:
     return None if given is None else tuple(given)
 
 
-def stream_of(recording: Recording, outputs: Outputs) -> Stream:
+def stream_of(recording: Recording, outputs: Outputs) -> CandidateRows:
     """The candidate rows of a recording. outputs: OUTPUTS at every sample."""
     votes = outputs["votes"].astype(np.int64)
     permille = risky_permille(votes)
@@ -151,14 +153,14 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
         event[within_event(slip, t_s, COLLAR_S)] = k
 
     # The samples themselves are large and no longer needed.
-    answers = Answers(without_samples(recording), situation, permille)
+    answers = RecordingAnswers(without_samples(recording), situation, permille)
     features = outputs["features"][row]
-    return Stream(answers, row, features, votes[row], event)
+    return CandidateRows(answers, row, features, votes[row], event)
 
 
 def corrected(
-    stream: Stream, correction: Correction | None, weights: LabelWeights
-) -> Answers:
+    stream: CandidateRows, correction: Correction | None, weights: LabelWeights
+) -> RecordingAnswers:
     """The answers after a correction."""
     if correction is None or not len(stream.row):
         return stream.answers
@@ -169,7 +171,7 @@ def corrected(
     weighed = weighted(situation_votes(votes), weights)
     situation[stream.row] = riskier_argmax(weighed)
     permille[stream.row] = risky_permille(votes)
-    return Answers(stream.recording, situation, permille)
+    return RecordingAnswers(stream.recording, situation, permille)
 
 
 def counts_of(recordings: Sequence[Recording]) -> PersonCounts:
@@ -190,7 +192,7 @@ def counts_of(recordings: Sequence[Recording]) -> PersonCounts:
 
 
 def fit_correction(
-    person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int
+    person: Sequence[CandidateRows], others: Sequence[CandidateRows], votes_in_all: int
 ) -> Correction:
     """The correction for a person. others: recordings with slips, of any person."""
     # The inputs are scaled by the others, who are many; a person's eight trials are too few.
@@ -205,11 +207,11 @@ def fit_correction(
     return _in_whole_numbers(inputs, weights, bias)
 
 
-def _rows_of(streams: Sequence[Stream]) -> Float32Array:
+def _rows_of(streams: Sequence[CandidateRows]) -> Float32Array:
     return np.concatenate([Correction.rows(one.features, one.votes) for one in streams])
 
 
-def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:
+def _inputs(others: Sequence[CandidateRows], votes_in_all: int) -> InputScale:
     """A knee at each input's median magnitude; of votes, at all votes."""
     x = _rows_of(others)
     n_classes = others[0].votes.shape[1]
@@ -218,10 +220,10 @@ def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:
     # The last inputs are the votes of each class.
     knee[-n_classes:] = votes_in_all
     most = np.full(x.shape[1], INPUT_MOST, dtype=np.float32)
-    return Inputs(knee.astype(np.float32), most, np.zeros_like(most))
+    return InputScale(knee.astype(np.float32), most, np.zeros_like(most))
 
 
-def _slip_numbers(streams: Sequence[Stream]) -> IntArray:
+def _slip_numbers(streams: Sequence[CandidateRows]) -> IntArray:
     """[N] the number of each row's slip among those of all recordings, or NO_EVENT."""
     numbers = []
     count = 0
@@ -286,7 +288,9 @@ def _best_of_slips(slip: IntArray, logit: FloatArray) -> BoolArray:
     return kept
 
 
-def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Correction:
+def _in_whole_numbers(
+    inputs: InputScale, weights: FloatArray, bias: float
+) -> Correction:
     """The largest whole numbers that float32 still adds exactly, MOST_NATS further too."""
     most_bias = np.array([abs(bias) + MOST_NATS])
     rule, _, (steps,) = whole_weights(weights[:, None], most_bias, INPUT_MOST)
@@ -299,7 +303,7 @@ def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Corre
     return Correction(Network(inputs, (layer,), votes_in_all=1))
 
 
-def moved(correction: Correction, nats: float) -> Correction:
+def with_offset(correction: Correction, nats: float) -> Correction:
     """The same with its logit moved: more above 0 leaves more votes to risky slip."""
     network = correction.network
     (layer,) = network.layers

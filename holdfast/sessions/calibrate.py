@@ -33,6 +33,7 @@ from holdfast.core.errors import (
 )
 from holdfast.core.source import Source, Turns
 from holdfast.drivers.calibration import MIN_BIAS_ROWS, Bias, Calibration, bias_of, turn
+from holdfast.live.hand_files import HARDEST_N
 
 RATE_HZ = 100.0
 """Of a hand, which has no fixed rate."""
@@ -251,8 +252,6 @@ LIGHT_N = 3.0
 """The shear gain is measured below this normal force: silicone stiffens, and slips are light."""
 TOUCHED_N = 0.3
 """And above this one, below which a ratio is mostly noise."""
-MOST_N = 200.0
-"""No probe presses a fingertip harder."""
 MOST_LAG_ROWS, BETTER_SHARE = 30, 0.7
 """Loads lag the field where a shift by at most so many rows leaves this share of the error."""
 SHEAR_SHARE = 0.1
@@ -275,7 +274,7 @@ class Fit:
     held_out_n: FloatArray
 
     def errors(self) -> dict[str, AxisError]:
-        """For normal and shear."""
+        """The errors on held-out loads, for normal and shear."""
         errors = {}
         # Shear has two axes, so its error is that of a vector.
         shear = np.delete(self.held_out_n, NORMAL_AXIS, axis=1)
@@ -328,7 +327,7 @@ def doubts(loads: LoadSet) -> list[str]:
     load_n = np.linalg.norm(loads.force_n, axis=1)
     if np.median(loads.force_n[load_n > TOUCHED_N, NORMAL_AXIS]) < 0.0:
         found.append("the presses have a negative Fz; next: turn its sign, +z presses")
-    if load_n.max() > MOST_N:
+    if load_n.max() > HARDEST_N:
         found.append(
             f"loads of up to {load_n.max():.4g} N; likely cause: grams taken for newtons; "
             "next: --load-unit gf, or mN"

@@ -1,11 +1,10 @@
 """For: scenes: the physics of a hand, an object and the people who disturb them.
 May import: edge_runtime, core.
-Begin with: scene.py, a scene and its trials; closed_loop.py steps them with model and drive.
+Begin with: scenes/scene.py, a scene and its trials; loop/closed_loop.py steps them with model and
+drive.
 
-scene_file.py reads a scene file, actions/ has what happens in a trial, protocol.py draws trials,
-script.py turns them into inputs of core.py, stepper.py steps them in batches, truth.py reads the
-events, folder.py writes all of it. A scene runs only the effects that it names: effect.py defines
-an effect and lists them all.
+Inside, imports go down only: loop, scenes, physics, effects. actions/ has what happens in a trial:
+scenes know its table, and load the modules below it, which read scenes, by name.
 """
 
 from __future__ import annotations

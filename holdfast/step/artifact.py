@@ -25,9 +25,9 @@ from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.step.features import feature_count
-from holdfast.step.heads import Calibration, FloatRows, Head
+from holdfast.step.heads import FloatRows, Head, VoteCalibration
 from holdfast.step.learner import FOREST_KINDS, Forest, Learner
-from holdfast.step.network import Inputs, Layer, Network
+from holdfast.step.network import InputScale, Layer, Network
 from holdfast.step.spec import StepSpec
 
 FORMAT = 1
@@ -208,7 +208,7 @@ def _read_head(folder: Path, name: str, entry: _Head) -> Head:
         name=name,
         classes=entry.classes,
         learner=Learner(forest, network),
-        calibration=Calibration(
+        calibration=VoteCalibration(
             np.array(numbers["weights"]), np.array(numbers["bias"])
         ),
         label_weights=entry.label_weights,
@@ -242,7 +242,7 @@ def _read_network(path: Path) -> Network:
         names = [f"{what}{len(layers)}" for what in ("weights", "bias", "scale")]
         layers.append(Layer(*(arrays[name] for name in names)))
 
-    inputs = Inputs(arrays["knee"], arrays["gain"], arrays["offset"])
+    inputs = InputScale(arrays["knee"], arrays["gain"], arrays["offset"])
     return Network(inputs, tuple(layers), int(arrays["votes_in_all"]))
 
 

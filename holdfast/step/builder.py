@@ -9,7 +9,9 @@ blocks. A set `reset` flag makes the whole table of a recording zero before anyt
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,24 @@ from onnx import TensorProto, helper, numpy_helper
 OPSET = 20
 IR_VERSION = 10
 """Operator set and IR read by every onnxruntime from 1.18 on."""
+
+Owner = TypeVar("Owner")
+Part = TypeVar("Part")
+
+
+def added_once(add: Callable[[Owner], Part]) -> Callable[[Owner], Part]:
+    """A method that adds a part to the graph when it is first called, and is that part later."""
+    key = f"_added_{add.__name__}"
+
+    @wraps(add)
+    def part(self: Owner) -> Part:
+        added = vars(self)
+        if key not in added:
+            added[key] = add(self)
+        found: Part = added[key]
+        return found
+
+    return part
 
 
 class GraphBuilder:

@@ -58,7 +58,7 @@ def _window(history: History) -> Triples:
     n_sensors = history.spec.n_sensors
     n_samples = history.spec.window_samples
     first = history.length - n_samples
-    recent = graph.columns(history.samples, first, history.length)
+    recent = graph.columns(history.samples(), first, history.length)
     triples = graph.reshape(recent, 0, n_samples * n_sensors, 3)
     places = history.pooled(triples, n_samples * n_sensors)
 
@@ -70,17 +70,17 @@ def _window(history: History) -> Triples:
 def _changes(history: History, rows: list[int], *, scaled: bool = False) -> Triples:
     """Rows of `changes`, sensor by sensor, the rows of each: 0 is x[t], 1 + k its change since
     LAGS_S[k]."""
-    places = history.change_places[rows, :-1]
+    places = history.change_places()[rows, :-1]
     return Triples(places.T.ravel().tolist(), scaled)
 
 
 def _scaled_sums(history: History) -> Triples:
-    return Triples(history.change_places[1:, -1].tolist(), scaled=True)
+    return Triples(history.change_places()[1:, -1].tolist(), scaled=True)
 
 
 def _activity(history: History) -> Triples:
     # Without their signs: a swing to and fro must not cancel.
-    steps = history.graph.node("Abs", history.summed_steps)
+    steps = history.graph.node("Abs", history.summed_steps())
 
     # Each row averages the steps of the most recent span.
     rows = np.zeros((len(SPANS_S), history.spec.history_samples))

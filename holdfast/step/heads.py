@@ -41,7 +41,7 @@ FloatRows = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Calibration:
+class VoteCalibration:
     """p = softmax(share @ weights + bias) of vote shares [B, K]; weights [K, K], bias [K]."""
 
     weights: npt.NDArray[np.float64]
@@ -63,7 +63,7 @@ class Head:
     name: str
     classes: tuple[str, ...]
     learner: Learner
-    calibration: Calibration
+    calibration: VoteCalibration
     label_weights: tuple[float, ...] | None = None
 
     @property
@@ -120,7 +120,7 @@ class ByForce:
 
     @staticmethod
     def of(head: Head) -> ByForce:
-        """Of a trained head."""
+        """The rule for a trained head."""
         return ByForce(head.name, head.classes, votes_in_all(head.learner))
 
     @property

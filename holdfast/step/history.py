@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, FloatArray
-from holdfast.step.builder import GraphBuilder
+from holdfast.step.builder import GraphBuilder, added_once
 from holdfast.step.guard import GuardOutputs
 from holdfast.step.spec import StepSpec
 
@@ -31,7 +30,8 @@ class Triples:
 class History:
     """The last 0.5 s of guarded samples, and a pool of triples that groups share.
 
-    length: L, the past samples and this one. What no group asks for is not added to the graph.
+    length: L, the past samples and this one. What groups share is added by the first call that asks
+    for it, and what no group asks for is not in the graph.
     """
 
     def __init__(
@@ -46,37 +46,37 @@ class History:
         self._pool: list[str] = []
         self._pooled = 0
 
-    @cached_property
+    @added_once
     def samples(self) -> str:
         """[B, L + 1, C], oldest first; behind them 1.0, of a sensor without a past 0.0."""
         return self.graph.node("Concat", *self._parts, axis=1)
 
-    @cached_property
+    @added_once
     def summed_steps(self) -> str:
         """[B, L - 1, 3]: the steps of the sum over the sensors, the oldest first."""
-        summed = self.graph.node("MatMul", self.samples, _over_sensors(self.spec))
+        summed = self.graph.node("MatMul", self.samples(), _over_sensors(self.spec))
         n_steps = self.length - 1
         later = np.eye(n_steps, self.length + 1, k=1)
         return self.graph.node("MatMul", later - np.eye(*later.shape), summed)
 
-    @cached_property
+    @added_once
     def changes(self) -> str:
         """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
         now = self.length - 1
         unit = np.eye(self.length + 1)
         since = [unit[now] - unit[now - self.spec.lag(lag_s)] for lag_s in LAGS_S]
-        rows = self.graph.node("MatMul", np.array([unit[now], *since]), self.samples)
+        rows = self.graph.node("MatMul", np.array([unit[now], *since]), self.samples())
 
         # the sum over the sensors as three more columns
         channels = np.eye(self.spec.n_channels)
         and_sum = np.hstack([channels, _over_sensors(self.spec)])
         return self.graph.node("MatMul", rows, and_sum)
 
-    @cached_property
+    @added_once
     def normal(self) -> str:
         """[B, 1, 1]: Sum z[t]."""
         z = self.spec.n_channels + NORMAL_AXIS
-        return self.graph.node("Slice", self.changes, [0, z], [1, z + 1], [1, 2])
+        return self.graph.node("Slice", self.changes(), [0, z], [1, z + 1], [1, 2])
 
     def pooled(self, tensor: str, rows: int) -> list[int]:
         """Put [B, rows, 3] into the pool; returns the rows' places in it."""
@@ -85,15 +85,15 @@ class History:
         self._pooled += rows
         return list(range(first, self._pooled))
 
-    @cached_property
+    @added_once
     def change_places(self) -> npt.NDArray[np.int64]:
         """[1 + lags, n + 1] rows of `changes` in the pool."""
         rows = 1 + len(LAGS_S)
         columns = self.spec.n_sensors + 1
-        triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
+        triples = self.graph.reshape(self.changes(), 0, rows * columns, 3)
         return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
 
-    @cached_property
+    @added_once
     def pool(self) -> str:
         """[B, triples, 3]: everything in the pool."""
         if len(self._pool) == 1:
@@ -110,10 +110,10 @@ class History:
             scaled += [float(group.scaled)] * len(group.places)
 
         # one look-up for all groups: a node costs more than the numbers that it moves
-        triples = graph.node("Gather", self.pool, places, axis=1)
+        triples = graph.node("Gather", self.pool(), places, axis=1)
         if any(scaled):
             is_scaled = np.array(scaled)[:, None]
-            scale = graph.node("Mul", self.normal, is_scaled)
+            scale = graph.node("Mul", self.normal(), is_scaled)
             # rows that are not scaled are divided by max(0, 1) = 1
             floor = np.where(is_scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
             divisor = graph.node("Max", scale, floor)

@@ -56,7 +56,7 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Inputs:
+class InputScale:
     """knee, gain and offset [F], which make whole numbers of features. Raises ValueError."""
 
     knee: Float32Array
@@ -86,7 +86,7 @@ class Network:
     votes_in_all: the sum of a row's votes. Raises ValueError for numbers that are not exact.
     """
 
-    inputs: Inputs
+    inputs: InputScale
     layers: tuple[Layer, ...]
     votes_in_all: int = VOTES
 
@@ -111,7 +111,6 @@ class Network:
 
     @property
     def n_weights(self) -> int:
-        """Weights and biases."""
         return sum(layer.weights.size + layer.bias.size for layer in self.layers)
 
     @property
@@ -214,7 +213,7 @@ def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
     return _add_raised(graph, logits, network.n_classes)
 
 
-def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
+def _add_inputs(graph: GraphBuilder, inputs: InputScale, features: str) -> str:
     """Add q [B, F]; number by number, so a batch equals a single row."""
     # x / (knee + |x|) instead of tanh: IEEE 754 fixes every bit of a quotient
     size = graph.node("Abs", features)

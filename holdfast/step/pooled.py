@@ -227,7 +227,7 @@ def _jump() -> list[PooledFeature]:
     return features
 
 
-def _beside(name: str, signal: str, row: Row, other: str, of: Row) -> PooledFeature:
+def _hand_ratio(name: str, signal: str, row: Row, other: str, of: Row) -> PooledFeature:
     """A number of the hand over another one, which are large and small together."""
     return PooledFeature(name, (Ratio(signal, row, "T+O", OTHER, (other, of)),))
 
@@ -240,19 +240,19 @@ def _ratio() -> list[PooledFeature]:
     features = []
     for span_s in CHANGES_S:
         row = Row("change", span_s)
-        features.append(_beside("A / |dh|", ALONG, row, SHEAR, row))
+        features.append(_hand_ratio("A / |dh|", ALONG, row, SHEAR, row))
     for span_s in CHANGES_S[1::2]:
         row = Row("change", span_s)
-        features.append(_beside("dN / |dh|", NORMAL, row, SHEAR, row))
+        features.append(_hand_ratio("dN / |dh|", NORMAL, row, SHEAR, row))
     for recent, longer in ((0, 3), (1, 4)):
         for series in SERIES:
             row = Row("mean", ACTIVITY_S[recent])
             of = Row("mean", ACTIVITY_S[longer])
-            features.append(_beside(f"{series} / before", series, row, series, of))
+            features.append(_hand_ratio(f"{series} / before", series, row, series, of))
     for recent, longer in ((0, 2), (1, 4), (2, 5)):
         row = Row("change", CHANGES_S[recent])
         of = Row("change", CHANGES_S[longer])
-        features.append(_beside("|dh| / longer", SHEAR, row, SHEAR, of))
+        features.append(_hand_ratio("|dh| / longer", SHEAR, row, SHEAR, of))
     return features
 
 

@@ -54,7 +54,7 @@ class Number(NamedTuple):
 
 
 class Quotient(NamedTuple):
-    """above / max(below, least)."""
+    """One ratio: above / max(below, least)."""
 
     above: Number
     below: Number
@@ -97,7 +97,7 @@ class PooledGraph:
         self.places: dict[Number, int] = {}
 
     def add(self) -> str:
-        """[B, features] float64."""
+        """Add all nodes; returns the name of the features, [B, features] float64."""
         graph = self.graph
         self._add_signals()
         if self.signals.intersection(SERIES):
@@ -184,7 +184,7 @@ class PooledGraph:
     def _signals(self) -> tuple[str, list[str], str]:
         """[B, signals x rows, S] by sensor; the signals; and the normal forces [B, rows, S]."""
         graph = self.graph
-        samples = graph.node("MatMul", self._time_and_one(), self.history.samples)
+        samples = graph.node("MatMul", self._time_and_one(), self.history.samples())
 
         squares = graph.node("Mul", samples, samples)
         of_shear = graph.node("MatMul", squares, self._sums(1.0, 1.0, 0.0))

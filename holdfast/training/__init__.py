@@ -6,11 +6,11 @@ plan.py has what they choose by default. Nothing here imports export, which read
 train.py is `holdfast train` as a script.
 """
 
-from holdfast.core.links import link, moved
+from holdfast.core.links import link, link_old_names
 
 if __name__ == "training":  # imported by the link at the top of a checkout
     link(__name__)
 else:
-    moved(__name__, "core", ["progress"])
+    link_old_names(__name__, "core", ["progress"])
     for_data = ["critical_points", "datasets", "fixture", "lifts", "metrics"]
-    moved(__name__, "data", [*for_data, "recording", "timeline", "windows"])
+    link_old_names(__name__, "data", [*for_data, "recording", "timeline", "windows"])

@@ -34,7 +34,12 @@ from holdfast.edge_runtime.graph import (
     steps_of,
 )
 from holdfast.step.features import features_alone
-from holdfast.step.heads import Calibration, FloatRows, riskier_argmax, situation_votes
+from holdfast.step.heads import (
+    FloatRows,
+    VoteCalibration,
+    riskier_argmax,
+    situation_votes,
+)
 from holdfast.step.learner import Forest, Learner, reference_votes, votes_of_trees
 from holdfast.step.network import VOTES
 from holdfast.step.spec import StepSpec
@@ -369,7 +374,7 @@ def fit_forest(
 
 def fit_calibration(
     shares: FloatArray, label: IntArray, counts_as: FloatArray | None = None
-) -> Calibration:
+) -> VoteCalibration:
     """Multinomial logistic map from held-out vote shares [M, K] to probabilities.
 
     counts_as: of `window_counts`. A class without a single window keeps a probability of (all but)
@@ -385,7 +390,7 @@ def fit_calibration(
     if len(present) == 1:
         # Nothing to fit: scikit-learn refuses a single class.
         bias[present] = 0.0
-        return Calibration(weights, bias)
+        return VoteCalibration(weights, bias)
 
     # One map for all classes together, so that the probabilities of a window add up to 1.
     model = LogisticRegression(C=CALIBRATION_C, max_iter=1000)
@@ -397,12 +402,12 @@ def fit_calibration(
     else:
         weights[:, present] = model.coef_.T
         bias[present] = model.intercept_
-    return Calibration(weights, bias)
+    return VoteCalibration(weights, bias)
 
 
 def with_even_classes(
-    calibration: Calibration, label: IntArray, counts_as: FloatArray | None = None
-) -> Calibration:
+    calibration: VoteCalibration, label: IntArray, counts_as: FloatArray | None = None
+) -> VoteCalibration:
     """The same map where every class that occurs is as likely as the others.
 
     How many windows a class has is a choice of the set's makers: by Bayes' rule, dividing all odds
@@ -411,9 +416,9 @@ def with_even_classes(
     counts = np.bincount(label, counts_as, minlength=len(calibration.bias))
     even = counts.sum() / np.maximum(counts, 1) / np.count_nonzero(counts)
     shift = np.where(counts > 0, np.log(even), 0.0)
-    return Calibration(calibration.weights, calibration.bias + shift)
+    return VoteCalibration(calibration.weights, calibration.bias + shift)
 
 
-def uncalibrated(n_classes: int) -> Calibration:
+def uncalibrated(n_classes: int) -> VoteCalibration:
     """A placeholder for learners of single folds, whose probabilities are not used."""
-    return Calibration(np.eye(n_classes), np.zeros(n_classes))
+    return VoteCalibration(np.eye(n_classes), np.zeros(n_classes))

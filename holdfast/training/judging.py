@@ -61,7 +61,6 @@ class HoldOutChoice:
 
     @property
     def kind(self) -> str:
-        """What a group is."""
         return self.data.group_kind
 
     def lines(self) -> list[str]:

@@ -25,7 +25,7 @@ from holdfast.step.network import (
     LOGIT_STEPS,
     VOTES,
     WEIGHT_MOST,
-    Inputs,
+    InputScale,
     Layer,
     Network,
     hidden_values,
@@ -175,7 +175,7 @@ def in_whole_numbers(
     steps = squash.steps()
     gain = steps / squash.deviation
     offset = -steps * squash.mean / squash.deviation
-    inputs = Inputs(squash.knee, gain.astype(np.float32), offset.astype(np.float32))
+    inputs = InputScale(squash.knee, gain.astype(np.float32), offset.astype(np.float32))
 
     # The values of the training rows go along, since each layer is scaled by what enters it.
     values = inputs.quantised(rows)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Plan, Rows
+from holdfast.simulation.effects.effect import Plan, Rows
 from studies.distortions.law import Memory, PlanRequest
 
 LATEST_S = 2.6

@@ -9,9 +9,9 @@ import numpy as np
 
 from benchmarks.paired import paired_change
 from holdfast.core.contract import FloatArray, IntArray, Json
-from holdfast.simulation.effect import Rows
-from holdfast.simulation.loop_sensing import LoopSensors, PlanBatch
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.effects.effect import Rows
+from holdfast.simulation.loop.sensing import LoopSensors, PlanBatch
+from holdfast.simulation.scenes.protocol import PlannedTrial
 from studies.distortions.law import Law, Memory, PlanRequest
 from studies.distortions.table import Distortion, by_name
 from studies.distortions.trials import law_stream

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from holdfast.core.hand_card import SIDES
-from holdfast.simulation.effect import Plan, Rows
+from holdfast.simulation.effects.effect import Plan, Rows
 from studies.distortions.chain import EARLIEST_S, LATEST_S
 from studies.distortions.law import Memory, PlanRequest
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.hand_card import Side
-from holdfast.simulation.effect import Plan, Rows
+from holdfast.simulation.effects.effect import Plan, Rows
 from studies.distortions.law import Memory, PlanRequest
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.hand_card import Side
-from holdfast.simulation.effect import Plan, Rows
+from holdfast.simulation.effects.effect import Plan, Rows
 
 Memory = Any
 """What a law keeps from row to row: arrays of one row a trial; None before the first row."""

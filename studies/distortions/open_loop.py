@@ -27,7 +27,7 @@ from holdfast.evaluation.model_outputs import (
     steps_with,
 )
 from holdfast.evaluation.trials import voluntary_actions
-from holdfast.simulation.closed_loop import model_of
+from holdfast.simulation.loop.closed_loop import model_of
 from studies.distortions.statistics import mean_interval
 from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of

@@ -20,8 +20,8 @@ from holdfast.core.progress import Stages
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
-from holdfast.simulation.closed_loop import model_of
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.closed_loop import model_of
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from studies.distortions.closed_loop import (
     CONTROLLER,
     closed_figures,

@@ -9,8 +9,8 @@ import numpy as np
 from holdfast.core.contract import NOTHING, SITUATIONS, BoolArray, FloatArray, Json
 from holdfast.core.hand_card import Side
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.simulation.closed_loop import model_of
-from holdfast.simulation.effect import stream
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.loop.closed_loop import model_of
 from studies.distortions.chain import Drift, Noise
 from studies.distortions.law import PlanRequest, distorted
 from studies.distortions.statistics import mean_interval

@@ -11,11 +11,11 @@ from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
 from holdfast.data.recording import Recording
 from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.truth import Truth
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.truth import Truth
 from studies.distortions.law import PlanRequest, distorted
 from studies.distortions.table import Distortion
 

@@ -24,8 +24,8 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, FloatArray
 from holdfast.core.errors import RateError
 from holdfast.data.recording import Recording
 from holdfast.data.timeline import Phase, RiskyEvent
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 SLIPPING = ("pull", "fall")
 """Actions whose slips are taken."""

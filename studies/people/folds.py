@@ -25,7 +25,7 @@ from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.export.changed import changed
 from holdfast.export.exporting import export_artifact
 from holdfast.step.artifact import Artifact, write_artifact
-from holdfast.step.heads import Calibration, Head
+from holdfast.step.heads import Head, VoteCalibration
 from holdfast.step.learner import Learner
 from holdfast.step.network import IntArray
 from holdfast.training.crossval import (
@@ -161,7 +161,7 @@ def scenes_file(study: Study, out: Path, say: Stages) -> Path:
     return _file(study, learner, calibration, (train, test), out / "scenes")
 
 
-def _calibration(study: Study, held_out: HeldOut, train: IntArray) -> Calibration:
+def _calibration(study: Study, held_out: HeldOut, train: IntArray) -> VoteCalibration:
     """Of a fold's learner, on the held-out votes of the windows that it was trained on."""
     label = study.data.tasks[study.task].label[train]
     names = study.data.set_of(study.task)[train]
@@ -172,7 +172,11 @@ def _calibration(study: Study, held_out: HeldOut, train: IntArray) -> Calibratio
 
 
 def _file(
-    study: Study, learner: Learner, calibration: Calibration, fold: Fold, folder: Path
+    study: Study,
+    learner: Learner,
+    calibration: VoteCalibration,
+    fold: Fold,
+    folder: Path,
 ) -> Path:
     """Export a learner for the two pads."""
     task = study.task

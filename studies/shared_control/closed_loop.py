@@ -24,7 +24,7 @@ from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
 from holdfast.simulation.actions import EMPTY_HANDED
-from holdfast.simulation.closed_loop import (
+from holdfast.simulation.loop.closed_loop import (
     Between,
     LoopSettings,
     Make,
@@ -33,11 +33,11 @@ from holdfast.simulation.closed_loop import (
     model_of,
     run_together,
 )
-from holdfast.simulation.drive import Drive, Opening
-from holdfast.simulation.loop_people import Habits, LoopOutcome
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.drive import Drive, Opening
+from holdfast.simulation.loop.people import Habits, LoopOutcome
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from studies.shared_control.published import CONTROLLERS
 
 ORACLE = "oracle"

@@ -19,12 +19,12 @@ from msgspec import structs
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
-from holdfast.simulation.closed_loop import ClosedLoop, LoopTruth, Managed, managed
-from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial, Trials
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.loop.closed_loop import ClosedLoop, LoopTruth, Managed, managed
+from holdfast.simulation.scenes.protocol import PlannedTrial, Trials
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.script_times import Times
 
 CARD, ACTION = "wide", "lift"
 AFTER_S = 2.0

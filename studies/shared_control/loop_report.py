@@ -19,7 +19,7 @@ from holdfast.evaluation.style import (
     svg,
     write_page,
 )
-from holdfast.simulation.closed_loop import model_of
+from holdfast.simulation.loop.closed_loop import model_of
 from studies.report import TEMPLATES
 from studies.shared_control.closed_loop import FiguresByCard, LoopComparison, RunsByCard
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from holdfast.edge_runtime.grip import Holdfast
-from holdfast.simulation.drive import Opening
-from holdfast.simulation.loop_people import Habits
+from holdfast.simulation.loop.drive import Opening
+from holdfast.simulation.loop.people import Habits
 from studies.shared_control.closed_loop import (
     ORACLE,
     VIBRATION,

@@ -18,8 +18,8 @@ from holdfast.core.locked import locked_sets
 from holdfast.core.progress import Stages
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.simulation.closed_loop import model_of
-from holdfast.simulation.drive import OPENINGS
+from holdfast.simulation.loop.closed_loop import model_of
+from holdfast.simulation.loop.drive import OPENINGS
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import ORACLE, LoopRequest, LoopRuns, Run
 from studies.shared_control.closing import closing_figures

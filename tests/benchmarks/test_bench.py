@@ -11,8 +11,8 @@ from page_tables import filled
 from benchmarks import simulator
 from benchmarks.simulator import CARD, Effort, plausibility, prices
 from holdfast.simulation import shipped_scenes
-from holdfast.simulation.effect import EFFECT_MODULES, module_effects
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.effects.effect import EFFECT_MODULES, module_effects
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 ROOT = Path(__file__).resolve().parents[2]
 

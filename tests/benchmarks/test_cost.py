@@ -34,7 +34,7 @@ from holdfast.core.trial_file import read_trial
 from holdfast.data.recording import DataSet
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.evaluation.jobs import Workers
-from holdfast.simulation.scene_file import SceneFile, read_scene_file
+from holdfast.simulation.scenes.scene_file import SceneFile, read_scene_file
 from holdfast.step.features import feature_count
 from holdfast.step.spec import StepSpec
 

@@ -18,7 +18,7 @@ pytest.importorskip(
 from benchmarks.world.draws import WorldTrial, draw_trial
 from benchmarks.world.hand import World
 from benchmarks.world.outcomes import BareRun, bare_run, closed_from_onset, slid_mm
-from holdfast.simulation.drive import OPENINGS
+from holdfast.simulation.loop.drive import OPENINGS
 
 DEVELOPMENT = 150
 PADS = ("point", "grid")

@@ -39,7 +39,7 @@ from holdfast.drivers.calibration import (
 )
 from holdfast.sessions.calibrate import Fit, LoadSet, measured_shear_gain, read_loads
 from holdfast.sessions.calibrate import calibrate as fit_calibration
-from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
+from holdfast.simulation.effects.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 
 FINITE = st.floats(-1e4, 1e4)
 FIELDS = arrays(np.float64, (4, 2, 3), elements=FINITE)

@@ -10,9 +10,9 @@ from drawn_frames import camera, command, write_frames
 from recorder_bench import events_of
 
 from holdfast.cli.main import main
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.truth import Truth
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.truth import Truth
 
 CARD = """
 [record]

@@ -331,3 +331,9 @@ def test_a_layout_has_channels_addresses_and_muxes_within_their_limits(
         return
     with pytest.raises(UsageError, match=says):
         read_layout(text, FACTORY_ADDRESSES)
+
+
+def test_a_chip_with_fewer_addresses_than_a_layout_names_another_layout() -> None:
+    with pytest.raises(UsageError, match=r"needs 4 addresses .*; next: layout=mux6"):
+        read_layout("mux", FACTORY_ADDRESSES[:2])
+    assert len(read_layout("mux6", FACTORY_ADDRESSES[:2])) == 6

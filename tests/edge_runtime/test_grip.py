@@ -30,7 +30,7 @@ from holdfast.edge_runtime.grip import (
     Holdfast,
     LoadFollower,
     Want,
-    possible,
+    clamped,
 )
 from holdfast.edge_runtime.grip_control import FrictionMargin, GripLoop
 from holdfast.edge_runtime.supervisor import Limits
@@ -548,10 +548,10 @@ def test_the_friction_margin_follows_a_whole_stream() -> None:
 
 @pytest.mark.parametrize("name", ["grip_n", "load_n", "p_risky", "p_safe"])
 def test_a_sample_with_a_number_that_is_none_is_unknown(name: str) -> None:
-    assert not possible(ONE_HAND, sense(**{name: float("nan")})).known
-    many = possible(ManyHands(2), sense(**{name: np.array([np.nan, 0.5])}))
+    assert not clamped(ONE_HAND, sense(**{name: float("nan")})).known
+    many = clamped(ManyHands(2), sense(**{name: np.array([np.nan, 0.5])}))
     assert many.known.tolist() == [False, True]
     beyond = sense(grip_n=2e9, load_n=-1.0, p_risky=1.5, p_safe=-0.1)
-    one = possible(ONE_HAND, beyond)
+    one = clamped(ONE_HAND, beyond)
     assert (one.grip_n, one.load_n, one.p_risky, one.p_safe) == (1e9, 0.0, 1.0, 0.0)
     assert one.known

@@ -33,8 +33,8 @@ Trial = tuple[np.ndarray, float | None, float | None]
 def pulls_and_falls(model: Model) -> list[Trial]:
     """Ten pulls and ten falls of the thesis' card: prepared forces [T, 18] at 150 Hz, load onset,
     contact lost (s)."""
-    from holdfast.simulation.scene import Scene
-    from holdfast.simulation.scene_file import read_scene_file
+    from holdfast.simulation.scenes.scene import Scene
+    from holdfast.simulation.scenes.scene_file import read_scene_file
 
     scene = Scene(replace(read_scene_file("thesis"), step_s=0.003), 4000)
     trials = scene.trials()

@@ -53,9 +53,9 @@ def test_a_user_without_the_right_reads_on_and_is_warned_once():
     them."""
     script = (
         "import os\n"
-        "from holdfast.live.running import first_in_line\n"
+        "from holdfast.live.running import real_time_priority\n"
         "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
-        "with first_in_line(print) as yes:\n    print(yes)\n"
+        "with real_time_priority(print) as yes:\n    print(yes)\n"
     )
     result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True

@@ -11,21 +11,21 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.data.recording import Recording
 from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.sessions.adapt import LEAST_RECALL, Evidence, HeldOutFigures
+from holdfast.sessions.adapt import LEAST_RECALL, HeldOutFigures, PersonEvidence
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
-    Stream,
+    CandidateRows,
     corrected,
     fit_correction,
-    moved,
     stream_of,
+    with_offset,
 )
 
 RATE_HZ, VOTES, LENGTH = 100.0, 4096, 60
 RULES = DecisionRules(act_samples=1, min_risky_permille=600)
 
 
-def stream(number: int, *, slip: bool, alike: bool = False) -> Stream:
+def stream(number: int, *, slip: bool, alike: bool = False) -> CandidateRows:
     """A grip whose samples 20 to 39 have 80 % risky votes.
 
     In a slip feature 0 is high, in a hand-over low; alike: as in a slip.
@@ -57,15 +57,15 @@ def stream(number: int, *, slip: bool, alike: bool = False) -> Stream:
     return stream_of(recording, found)
 
 
-def passes(n: int = 8, *, alike: bool = False) -> list[Stream]:
+def passes(n: int = 8, *, alike: bool = False) -> list[CandidateRows]:
     return [stream(k, slip=False, alike=alike) for k in range(n)]
 
 
-def evidence(*, alike: bool = False) -> Evidence:
-    return Evidence(passes(alike=alike), slips(), RULES, None, VOTES)
+def evidence(*, alike: bool = False) -> PersonEvidence:
+    return PersonEvidence(passes(alike=alike), slips(), RULES, None, VOTES)
 
 
-def slips(n: int = 24) -> list[Stream]:
+def slips(n: int = 24) -> list[CandidateRows]:
     return [stream(100 + k, slip=True) for k in range(n)]
 
 
@@ -98,7 +98,9 @@ def test_a_threshold_alone_cannot_tell_votes_that_are_alike_apart() -> None:
 def test_a_moved_rule_still_adds_exactly_and_keeps_more_or_fewer_risky_votes() -> None:
     fitted, one = fit_correction(passes(), slips(), VOTES), stream(5, slip=False)
     risky = [
-        moved(fitted, nats).corrected(one.features, one.votes)[:, RISKY_SLIP].sum()
+        with_offset(fitted, nats)
+        .corrected(one.features, one.votes)[:, RISKY_SLIP]
+        .sum()
         for nats in (-MOST_NATS, 0.0, MOST_NATS)
     ]
     assert risky == sorted(risky)

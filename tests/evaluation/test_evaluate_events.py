@@ -54,9 +54,9 @@ from holdfast.evaluation.states import LabelledSamples, changes_per_s
 from holdfast.evaluation.states import calibration as calibration_of
 from holdfast.evaluation.states import confusion as confusion_of
 from holdfast.evaluation.trials import LabelledTrial, VoluntaryAction, voluntary_actions
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from holdfast.step.detectors import detector_names
 from holdfast.step.features import feature_graph
 from holdfast.step.spec import BandsLeftOut, StepSpec

@@ -23,8 +23,8 @@ from holdfast.edge_runtime.decision import (
 )
 from holdfast.evaluation.alarms import (
     CONFIDENCES,
-    Answers,
     EventMatch,
+    RecordingAnswers,
     act_requests,
     choose_confidence,
     event_scores,
@@ -67,7 +67,7 @@ def p50(of: Spread | None) -> float:
 PERIOD = period_us(RATE_HZ)
 
 
-def one_by_one(stream: Answers) -> list[list[int]]:
+def one_by_one(stream: RecordingAnswers) -> list[list[int]]:
     return np.column_stack([stream.situation, stream.risky_permille]).tolist()
 
 
@@ -91,7 +91,7 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
     streams = []
     for one in labels:
         situation, permille = np.array(one, dtype=np.int64).reshape(-1, 2).T
-        streams.append(Answers(recording(), situation, permille))
+        streams.append(RecordingAnswers(recording(), situation, permille))
     together = act_requests(streams, rules, confidences)
     for stream, acted in zip(streams, together, strict=True):
         for k, least in enumerate(confidences):
@@ -212,14 +212,14 @@ def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
 # -- the threshold
 
 
-def answers(permille_of_an_alarm: int) -> Answers:
+def answers(permille_of_an_alarm: int) -> RecordingAnswers:
     """A stream with one false alarm of some confidence, and a sure alarm at the event."""
     situation, permille = np.full(300, GRASP), np.zeros(300, dtype=np.int64)
     for first, sure in ((50, permille_of_an_alarm), (101, 995)):
         situation[first : first + 3], permille[first : first + 3] = RISKY_SLIP, sure
         situation[first + 3 : first + 9] = NOTHING
     situation[:10] = UNKNOWN
-    return Answers(recording(EVENT), situation, permille)
+    return RecordingAnswers(recording(EVENT), situation, permille)
 
 
 def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allowed():

@@ -19,7 +19,7 @@ from small_model import artifact, graph_of, spec
 from holdfast.core.schema import ranges
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
-from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast, possible
+from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast, clamped
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.constants import RULE_ORDER
@@ -183,7 +183,7 @@ def commanded(
         commands["mode"][:, at] = loop.supervisor.mode
         for name in ("mu_hat", "margin", "needed_n"):
             commands[name][:, at] = getattr(loop.margin, name)
-        felt = possible(batch, one)
+        felt = clamped(batch, one)
         is_felt = felt.known & (felt.p_risky >= rules.from_p)
         commands["feedback"][:, at] = np.where(is_felt, felt.p_risky, 0.0)
     commands["slew_n_s"] = QUICK.slew_n_s

@@ -23,7 +23,7 @@ from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import cut_learners, verify
-from holdfast.step.heads import Calibration, Head, riskier_argmax, situation_votes
+from holdfast.step.heads import Head, VoteCalibration, riskier_argmax, situation_votes
 from holdfast.step.learner import Forest, Learner, reference_votes, vote_bits
 from holdfast.step.spec import StepSpec
 
@@ -45,7 +45,10 @@ Rows = npt.NDArray[np.float32]
 def head_of(forest: Forest, classes: tuple[str, ...]) -> Head:
     k = len(classes)
     return Head(
-        "situation", classes, Learner(forest), Calibration(np.eye(k) * 4.0, np.zeros(k))
+        "situation",
+        classes,
+        Learner(forest),
+        VoteCalibration(np.eye(k) * 4.0, np.zeros(k)),
     )
 
 
@@ -282,7 +285,7 @@ def test_a_second_head_is_verified_as_the_first() -> None:
         "p_risky_250ms",
         ("no", "yes"),
         Learner(question),
-        Calibration(np.eye(2), np.zeros(2)),
+        VoteCalibration(np.eye(2), np.zeros(2)),
     )
     heads = [head_of(forest, SITUATIONS), yes]
     model = whole_graph(SPEC, heads)

@@ -28,7 +28,7 @@ from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
 from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import CHUNK, cut_learners
-from holdfast.step.heads import Calibration, Head, riskier_argmax, situation_votes
+from holdfast.step.heads import Head, VoteCalibration, riskier_argmax, situation_votes
 from holdfast.step.learner import Forest, Learner, reference_votes
 from holdfast.step.spec import StepSpec
 
@@ -138,7 +138,7 @@ def head_of(one: Case) -> Head:
         "situation",
         one.classes,
         Learner(one.forest),
-        Calibration(4.0 * np.eye(k), np.zeros(k)),
+        VoteCalibration(4.0 * np.eye(k), np.zeros(k)),
     )
 
 
@@ -230,7 +230,7 @@ def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too
                 "situation",
                 SITUATIONS,
                 Learner(forest),
-                Calibration(np.eye(4), np.zeros(4)),
+                VoteCalibration(np.eye(4), np.zeros(4)),
             )
         ],
     )

@@ -27,7 +27,7 @@ from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.model_outputs import OUTPUTS, read_outputs, steps_with
 from holdfast.export.c.graph import read_graph
 from holdfast.export.exporting import model_card, seal
-from holdfast.simulation.loop_sensing import HandModels
+from holdfast.simulation.loop.sensing import HandModels
 from holdfast.step.pooled import FAMILIES
 from holdfast.training.crossval import stepped
 from holdfast.training.plan import ForestPlan

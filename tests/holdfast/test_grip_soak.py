@@ -30,7 +30,7 @@ from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer
-from holdfast.live.running import RunClock, first_in_line
+from holdfast.live.running import RunClock, real_time_priority
 from holdfast.live.scene import SceneClock, drive_of, live_scene
 from holdfast.live.sources import open_live, source_url
 
@@ -90,7 +90,7 @@ def test_an_hour_in_real_time_loses_no_more_objects_than_the_simulation(tmp_path
             kept(url, model, VirtualClock(), SPARE_SAMPLES, ns)[0] for ns in MOMENTS_NS
         ):
             continue
-        with first_in_line(lambda line: None):
+        with real_time_priority(lambda line: None):
             live, lost_samples = kept(url, model, SceneClock())
         if lost_samples:
             skipped += 1

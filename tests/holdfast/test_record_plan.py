@@ -20,7 +20,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.data.datasets import trials
-from holdfast.sessions.recorder.folder import opened
+from holdfast.sessions.recorder.folder import recording_folder
 from holdfast.sessions.recorder.plan import ACTIONS, Task, read_protocol, tasks_left
 from holdfast.simulation import actions as simulated
 
@@ -76,7 +76,7 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(
 
 def test_two_recorders_do_not_share_a_folder(tmp_path):
     one_pull(tmp_path / "out")
-    with opened(tmp_path / "out", "N", "simulated"):
+    with recording_folder(tmp_path / "out", "N", "simulated"):
         with pytest.raises(OutputError, match="another recorder"):
             one_pull(tmp_path / "out")
         assert main(["check", "--repair", str(tmp_path / "out/p01")]) == 5, (
@@ -87,9 +87,12 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
 
 def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):
     one_pull(tmp_path / "out")
-    with pytest.raises(UnitError), opened(tmp_path / "out", "uT", "simulated"):
+    with (
+        pytest.raises(UnitError),
+        recording_folder(tmp_path / "out", "uT", "simulated"),
+    ):
         pass
-    with pytest.raises(UnitError), opened(tmp_path / "out", "N", "recorded"):
+    with pytest.raises(UnitError), recording_folder(tmp_path / "out", "N", "recorded"):
         pass
 
 

@@ -27,13 +27,19 @@ from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import WHO_LETS_GO, GripOutput, controller_for, open_grip
+from holdfast.live.grip import (
+    WHO_LETS_GO,
+    GripOutput,
+    checked_rules,
+    controller_for,
+    open_grip,
+)
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer
 from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of, live_scene, planned_trial
 from holdfast.live.sources import open_live, source_url
-from holdfast.simulation.magnet import shear_gain as magnet_gain
+from holdfast.simulation.effects.magnet import shear_gain as magnet_gain
 
 PERIOD_NS = 1e9 / 150
 REST = "virtual://ft232h"
@@ -322,4 +328,4 @@ def test_rules_take_the_place_of_the_model_s_and_an_answer_begins_before_it_is_f
     with pytest.raises(UsageError, match=r"from_p = 0\.9 is not below full_p = 0\.8"):
         controller_for("holdfast", model.card, print, rules={"from_p": 0.9})
     with pytest.raises(CardError, match="lead is not known; next: allowed: from_p"):
-        controller_for("holdfast", model.card, print, rules={"lead": 1.0})
+        checked_rules({"lead": 1.0})

@@ -25,7 +25,7 @@ from recorder_bench import (
 from study_bench import TALK, TRIALS, Study
 
 from holdfast.core.errors import LabelError, OutputError, UsageError
-from holdfast.sessions.recorder.folder import reserved
+from holdfast.sessions.recorder.folder import program_lock
 from holdfast.sessions.study import journal as journals
 from holdfast.sessions.study.journal import (
     Event,
@@ -355,7 +355,7 @@ def test_a_person_is_deleted_by_the_pseudonym_and_not_while_their_study_runs(
     reading, writing = os.pipe()
     os.write(writing, b"p01\np02\np01\n")
     words = (talk.path, "--out", talk.out, "--person", "p01", "--withdraw")
-    with reserved(talk.out), start(*words, verb="study", stdin=reading) as run:
+    with program_lock(talk.out), start(*words, verb="study", stdin=reading) as run:
         _, err = run.communicate(timeout=300)
     assert (run.returncode, "another recorder or study" in err) == (5, True)
     with start(*words, verb="study", stdin=reading) as run:

@@ -11,8 +11,8 @@ from study_bench import protocol_of
 from holdfast.core.errors import CardError
 from holdfast.sessions.recorder.plan import Task
 from holdfast.sessions.study.protocol import read_study
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 THESIS = read_study("thesis")
 

@@ -34,10 +34,10 @@ from holdfast.live.hand_files import tare_of
 from holdfast.live.outputs import SampleFile
 from holdfast.live.page.run_page import drawn_hand
 from holdfast.live.sources import open_source
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.loop_sensing import HandModels
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.sensing import HandModels
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from holdfast.step.artifact import write_artifact
 from holdfast.step.pooled import FAMILIES
 from holdfast.step.spec import StepSpec

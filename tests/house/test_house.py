@@ -105,6 +105,15 @@ def test_every_room_says_what_it_is_for_what_it_may_import_and_where_to_begin():
         assert promised <= reached(room), room
 
 
+def test_inside_the_simulation_imports_go_down_only():
+    above: list[str] = []
+    for room in ("loop", "scenes", "physics", "effects"):
+        for file in (folder_of("simulation") / room).glob("*.py"):
+            text = file.read_text("utf-8")
+            assert not [one for one in above if f"simulation.{one}" in text], file
+        above.append(room)
+
+
 def test_a_library_that_only_an_extra_installs_is_imported_in_one_file():
     files = {
         file: names
@@ -127,7 +136,7 @@ import holdfast.training.fitting as t
 def late():
     from holdfast.export import graph
     import importlib
-    importlib.import_module("holdfast.simulation.scene")
+    importlib.import_module("holdfast.simulation.scenes.scene")
     __import__("holdfast.drivers")
     from . import neighbour
 """

@@ -18,9 +18,9 @@ from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.alarms import requests_at
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.live.sources import open_source
-from holdfast.simulation.folder import write_recording
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.folder import write_recording
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))

@@ -19,11 +19,11 @@ import pytest
 from numpy._core._multiarray_umath import __cpu_features__ as features  # type: ignore[import-not-found]
 from small_model import artifact, graph_of, spec
 
-from holdfast.simulation import stepper
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script_times import grid_of
+from holdfast.simulation.scenes import stepper
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.script_times import grid_of
 
 on_the_machine_they_are_of = pytest.mark.skipif(
     platform.machine() != "x86_64" or not features["AVX512_SKX"],

@@ -22,17 +22,17 @@ from loop_bench import (
 
 from benchmarks.loop_baselines import oracle
 from holdfast.edge_runtime.grip import Controller
-from holdfast.simulation.closed_loop import (
+from holdfast.simulation.loop.closed_loop import (
     USUAL,
     ClosedLoop,
     LoopSettings,
     managed,
     run_loops,
 )
-from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopOutcome, Wearer
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.loop.people import MISTAKEN_S, Habits, LoopOutcome, Wearer
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.script_times import Times
 
 ONE_OF_EACH = [row(action) for action in ACTIONS]
 PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"

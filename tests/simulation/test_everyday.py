@@ -13,11 +13,12 @@ from benchmarks.loop_baselines import needed_grip_n
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.closed_loop import LoopTruth, run_loops
-from holdfast.simulation.effect import EffectBatch, effect_named
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from holdfast.simulation.scene import SimulatedTrial
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.effects.effect import EffectBatch, effect_named
+from holdfast.simulation.loop.closed_loop import LoopTruth, run_loops
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import SimulatedTrial
+from holdfast.simulation.scenes.script_times import Times
 
 SHORT = """close_at_s = 0.4
 closing_s = 0.3

@@ -24,10 +24,10 @@ from holdfast.data.datasets.joining import join
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.objects import hand_of_counts, load_factors
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.physics.objects import hand_of_counts, load_factors
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 ROWS = """
 [record]

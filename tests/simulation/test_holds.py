@@ -13,12 +13,12 @@ from holdfast.core.contract import NOTHING
 from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_file import read_trial
 from holdfast.data.timeline import read_truth
-from holdfast.simulation.folder import write_recording, write_set
-from holdfast.simulation.holds import BOTH_CLOSED, LEAST_N, MOST_N
-from holdfast.simulation.protocol import GRAVITY_M_S2
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.scenes.folder import write_recording, write_set
+from holdfast.simulation.scenes.holds import BOTH_CLOSED, LEAST_N, MOST_N
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.script_times import Times
 
 WIDE = """
 mass_g = { log_uniform = [10, 800] }

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.drive import Actuator, Drive
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 DT_S = 1e-3
 LIVELY = [

@@ -11,7 +11,7 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.loop_sensing import HandModels
+from holdfast.simulation.loop.sensing import HandModels
 
 SAMPLES = 150
 HANDS = 2

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation import contacts, shakes
-from holdfast.simulation.body import (
+from holdfast.simulation.effects import shakes
+from holdfast.simulation.effects.effect import EffectBatch, PhysicsEffects, stream
+from holdfast.simulation.physics import contacts
+from holdfast.simulation.physics.body import (
     Body,
     Inputs,
     Pull,
@@ -22,10 +24,9 @@ from holdfast.simulation.body import (
     kinetic_j,
     normal_j,
 )
-from holdfast.simulation.contacts import Lag, Rotation, gyration_m2, pressure
-from holdfast.simulation.core import step
-from holdfast.simulation.effect import EffectBatch, PhysicsEffects, stream
-from holdfast.simulation.objects import OBJECTS
+from holdfast.simulation.physics.contacts import Lag, Rotation, gyration_m2, pressure
+from holdfast.simulation.physics.objects import OBJECTS
+from holdfast.simulation.physics.solver import step
 
 EFFECTS = contacts.EFFECTS | shakes.EFFECTS
 FINGERS = np.array([1000.0, 1000.0, 500.0, 500.0, 500.0, 500.0])

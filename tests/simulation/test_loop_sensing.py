@@ -15,9 +15,9 @@ from loop_bench import card_text, row, scene_of
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.hand_card import read_hand_card
-from holdfast.simulation.effect import all_effects
-from holdfast.simulation.loop_sensing import LoopSensors
-from holdfast.simulation.scene import Scene
+from holdfast.simulation.effects.effect import all_effects
+from holdfast.simulation.loop.sensing import LoopSensors
+from holdfast.simulation.scenes.scene import Scene
 
 SENSOR_EFFECTS = {n: e for n, e in all_effects().items() if e.stage == "sensor"}
 COUNTS = np.array([75, 61, 40])

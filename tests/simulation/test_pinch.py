@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import RISKY_SLIP
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import SceneFile, read_scene_file
-from holdfast.simulation.script_times import Times
-from holdfast.simulation.truth import GROSS_SLIP_M, GROSS_TURN_RAD
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import SceneFile, read_scene_file
+from holdfast.simulation.scenes.script_times import Times
+from holdfast.simulation.scenes.truth import GROSS_SLIP_M, GROSS_TURN_RAD
 
 COARSE_S = 0.0067
 SOON = {"close_at_s": 0.1, "hold_s": 0.9, "times": 1, "every_s": 0.8}

@@ -10,10 +10,10 @@ import pytest
 
 from holdfast.core.errors import CardError
 from holdfast.simulation import STYLES, shipped_scenes
-from holdfast.simulation.effect import all_effects
-from holdfast.simulation.protocol import least_grip_n
-from holdfast.simulation.scene import Scene, apportion
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.effects.effect import all_effects
+from holdfast.simulation.scenes.protocol import least_grip_n
+from holdfast.simulation.scenes.scene import Scene, apportion
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 PLAIN = """
 [[trials]]

@@ -13,12 +13,12 @@ from long_steps import texture_in_any_step  # noqa: F401  a fixture
 from holdfast.core.hand_card import HandCard
 from holdfast.core.trial_file import read_trial
 from holdfast.data.datasets import load
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.objects import hand_of_counts
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.stepper import TrialMotion, motions
+from holdfast.simulation.physics.objects import hand_of_counts
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.stepper import TrialMotion, motions
 
 TWENTY = hand_of_counts(4, 4)
 DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)

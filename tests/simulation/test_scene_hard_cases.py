@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
 from holdfast.core.errors import CardError
-from holdfast.simulation.body import Body, Floor, Inputs, State, brush_j
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.physics.body import Body, Floor, Inputs, State, brush_j
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 AREA = "Simulation"
 EVERY_STEP = pytest.mark.parametrize("dt_s", [1e-6, 1e-3, 1.0])

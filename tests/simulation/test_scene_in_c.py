@@ -15,12 +15,12 @@ from c_form import STRICT, require_compiler
 
 from examples.browser.setups import ELEMENTS, body_numbers, trial_of
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
-from holdfast.simulation.contacts import pressure
-from holdfast.simulation.core import step
-from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.script import body_of
-from holdfast.simulation.stepper import forces_of
+from holdfast.simulation.loop.drive import Actuator, Drive
+from holdfast.simulation.physics.body import Body, Inputs, Pull, State, at_rest
+from holdfast.simulation.physics.contacts import pressure
+from holdfast.simulation.physics.solver import step
+from holdfast.simulation.scenes.script import body_of
+from holdfast.simulation.scenes.stepper import forces_of
 
 SOURCES = Path(__file__).resolve().parents[2] / "examples/browser"
 DT_S = 1.0 / 1200.0

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.simulation.body import (
+from holdfast.simulation.physics.body import (
     Body,
     Floor,
     Inputs,
@@ -25,8 +25,8 @@ from holdfast.simulation.body import (
     recess_m,
     sides,
 )
-from holdfast.simulation.contacts import pressure
-from holdfast.simulation.core import step
+from holdfast.simulation.physics.contacts import pressure
+from holdfast.simulation.physics.solver import step
 
 G = 9.81
 SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]

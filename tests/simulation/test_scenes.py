@@ -17,10 +17,10 @@ from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import read_trial
 from holdfast.data.datasets import load
 from holdfast.data.timeline import read_truth
-from holdfast.simulation.effect import EFFECT_MODULES, module_effects
-from holdfast.simulation.folder import write_set
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.effects.effect import EFFECT_MODULES, module_effects
+from holdfast.simulation.scenes.folder import write_set
+from holdfast.simulation.scenes.scene import Scene, SimulatedTrial
+from holdfast.simulation.scenes.scene_file import read_scene_file
 
 CORE = """
 [record]
@@ -177,7 +177,7 @@ def test_a_trial_is_the_same_in_any_company(tmp_path):
 
 
 def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch):
-    from holdfast.simulation import script_times
+    from holdfast.simulation.scenes import script_times
 
     monkeypatch.setattr(script_times, "busy", lambda trial: [(0.0, 1e9)])
     everywhere = trials_of(make(tmp_path))

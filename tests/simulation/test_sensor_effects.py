@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
-from holdfast.simulation.effect import Signal, all_effects, stream
-from holdfast.simulation.magnet import calibrate, dipole_ut, linear_map, loads_n
+from holdfast.simulation.effects.effect import Signal, all_effects, stream
+from holdfast.simulation.effects.magnet import calibrate, dipole_ut, linear_map, loads_n
 
 MU0 = 4e-7 * np.pi
 MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3

@@ -21,14 +21,14 @@ from holdfast.export.verify import cut_learners, verify
 from holdfast.step.artifact import Artifact, read_artifact, write_artifact
 from holdfast.step.features import feature_count
 from holdfast.step.heads import (
-    Calibration,
     Head,
+    VoteCalibration,
     reference_label,
     riskier_argmax,
     weighted,
 )
 from holdfast.step.learner import Learner, reference_votes, votes_in_all
-from holdfast.step.network import INPUT_MOST, Inputs, Layer, Network, network_votes
+from holdfast.step.network import INPUT_MOST, InputScale, Layer, Network, network_votes
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import ForestPlan, NetworkPlan
 
@@ -67,7 +67,7 @@ def made_of(
 ) -> Artifact:
     """An artifact with one head of that learner."""
     k = len(classes)
-    calibration = Calibration(4.0 * np.eye(k), np.zeros(k))
+    calibration = VoteCalibration(4.0 * np.eye(k), np.zeros(k))
     head = Head("situation", classes, learner_of(kind, k), calibration, weights)
     base = artifact(SPEC, extra=False)
     return Artifact(SPEC, base.preparation, base.decision, [head], rows_of(50), {})
@@ -116,7 +116,7 @@ def random_network(seed: int, n_classes: int) -> Network:
     """A network of random whole numbers, six features."""
     rng = np.random.default_rng(seed)
     gain = rng.uniform(-INPUT_MOST / 2, INPUT_MOST / 2, 6)
-    inputs = Inputs(
+    inputs = InputScale(
         rng.uniform(1e-3, 10.0, 6).astype(np.float32),
         gain.astype(np.float32),
         rng.uniform(-250, 250, 6).astype(np.float32),

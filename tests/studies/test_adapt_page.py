@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from page_tables import filled
 
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from studies.adapt import STYLES, adapt_card
 
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from benchmarks.paired import paired_change
 from holdfast.core.contract import FloatArray
 from holdfast.core.hand_card import Side
-from holdfast.simulation.loop_sensing import LoopSensors
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.loop.sensing import LoopSensors
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from studies.distortions.chain import (
     CrossTalk,
     Drift,

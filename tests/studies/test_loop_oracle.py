@@ -12,8 +12,8 @@ from loop_bench import MODEL, card_text, row
 from benchmarks.loop_baselines import CLOSURES
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
-from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.loop.people import LoopOutcome
+from holdfast.simulation.scenes.script_times import Times
 from studies.shared_control.closed_loop import (
     BARE,
     ORACLE,

@@ -13,11 +13,11 @@ import pytest
 
 from benchmarks.loop_baselines import needed_grip_n
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
-from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.loop.people import LoopOutcome
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.script_times import Times
 
 RATE_HZ = 100.0
 TRIALS = {t.action: t for t in Scene(read_scene_file("thesis"), 0).trials(40)}

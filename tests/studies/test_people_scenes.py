@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from holdfast.core.errors import CardError
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import SceneFile, read_scene_file
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import SceneFile, read_scene_file
 from studies.people.two_pads import (
     CARD,
     NOISE_N,

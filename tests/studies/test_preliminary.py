@@ -217,9 +217,9 @@ def test_labels_drawn_by_lot_are_answered_by_chance():
 
 def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path):
     """From card to case: 60 channels, every kind of point, a truth that is the physics'."""
-    from holdfast.simulation.folder import write_set
-    from holdfast.simulation.scene import Scene
-    from holdfast.simulation.scene_file import read_scene_file
+    from holdfast.simulation.scenes.folder import write_set
+    from holdfast.simulation.scenes.scene import Scene
+    from holdfast.simulation.scenes.scene_file import read_scene_file
 
     card = replace(read_scene_file("twenty-sensors"), step_s=0.017)
     write_set(Scene(card, 0), tmp_path / "scene", 40)

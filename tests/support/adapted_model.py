@@ -11,7 +11,7 @@ from holdfast.export.changed import adapted
 from holdfast.export.exporting import model_card, seal
 from holdfast.step.features import feature_count
 from holdfast.step.heads import Correction
-from holdfast.step.network import Inputs, Layer, Network
+from holdfast.step.network import InputScale, Layer, Network
 
 RULES = DecisionRules(min_risky_permille=700)
 
@@ -33,7 +33,7 @@ def correction(base: bytes, bias: float = 40.0) -> Correction:
     layer = Layer(
         weights, np.array([0, bias], np.float32), np.array([1, 0.002], np.float32)
     )
-    inputs = Inputs(knee, np.full(n, 511, np.float32), np.zeros(n, np.float32))
+    inputs = InputScale(knee, np.full(n, 511, np.float32), np.zeros(n, np.float32))
     return Correction(Network(inputs, (layer,), votes_in_all=1))
 
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from holdfast.simulation import scene_file
-from holdfast.simulation.contacts import EFFECTS
-from holdfast.simulation.scene_file import STEP_S, SceneFile
+from holdfast.simulation.physics.contacts import EFFECTS
+from holdfast.simulation.scenes import scene_file
+from holdfast.simulation.scenes.scene_file import STEP_S, SceneFile
 
 
 @contextmanager

@@ -12,11 +12,11 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.model import Model
-from holdfast.simulation.closed_loop import ClosedLoop, LoopTruth
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.loop.closed_loop import ClosedLoop, LoopTruth
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.scene_file import read_scene_file
+from holdfast.simulation.scenes.script_times import Times
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 SLOWER = MODEL.with_name("holdfast-50hz.onnx")

@@ -23,7 +23,7 @@ from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.exporting import model_card, seal, whole_graph
 from holdfast.step.artifact import Artifact
 from holdfast.step.features import feature_count, feature_graph
-from holdfast.step.heads import Calibration, Head
+from holdfast.step.heads import Head, VoteCalibration
 from holdfast.step.learner import Learner, votes_of_trees
 from holdfast.step.spec import BandsLeftOut, StepSpec
 from holdfast.training.network_fit import fit_network
@@ -62,7 +62,7 @@ def head(
         name,
         classes,
         Learner(forest),
-        Calibration(np.eye(len(classes)), np.zeros(len(classes))),
+        VoteCalibration(np.eye(len(classes)), np.zeros(len(classes))),
     )
 
 

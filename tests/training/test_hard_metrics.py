@@ -21,7 +21,7 @@ from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import whole_graph
 from holdfast.export.verify import cut_learners
-from holdfast.step.heads import Calibration, Head, reference_probability
+from holdfast.step.heads import Head, VoteCalibration, reference_probability
 from holdfast.step.learner import Learner, reference_votes
 from holdfast.step.spec import StepSpec
 from holdfast.training.crossval import cross_validate, fit_calibration
@@ -47,7 +47,7 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
         "situation",
         SITUATIONS,
         Learner(forest),
-        Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
+        VoteCalibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
     )
     # The learner alone, without what force decides after it.
     spec = StepSpec(2, 50.0, "N", ("now",), force_decides=False)
@@ -59,7 +59,7 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
     np.testing.assert_allclose(got, expected, atol=1e-5)
 
 
-def probability(shares: FloatArray, calibration: Calibration) -> FloatArray:
+def probability(shares: FloatArray, calibration: VoteCalibration) -> FloatArray:
     """As `reference_probability`, of shares."""
     forest = ExtraTreesClassifier(1).fit(np.zeros((4, 1)), np.arange(4))
     return reference_probability(

@@ -13,7 +13,7 @@ from holdfast.core.locked import Style, lock_of, locked_sets
 from holdfast.core.progress import Stages, ignored
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.sessions.adapt import adapt_file
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scenes.scene_file import read_scene_file
 from holdfast.training.fitting import TrainingRequest, train_on_sets
 
 MODEL = Path("models/holdfast-150hz.onnx")

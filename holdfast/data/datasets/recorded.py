@@ -57,7 +57,7 @@ def is_ours(root: Path) -> bool:
 
 def about(root: Path) -> thesis.SetMeta:
     """Name and kind of a folder's kept trials, and what stands with their figures."""
-    metas = _kept(root).values()
+    metas = _finished_trials(root).values()
     kinds = sorted({_kind(meta) for meta in metas})
     people = {meta.get("person") for meta in metas}
     caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
@@ -72,7 +72,7 @@ def readers(
 
     Raises DataNotFound without any, and UnitError for several units.
     """
-    kept = _kept(root)
+    kept = _finished_trials(root)
     if not kept:
         raise DataNotFound(
             "no kept trial",
@@ -92,7 +92,7 @@ def readers(
     return [_reader(path, meta, root, rate_hz, hand) for path, meta in kept.items()]
 
 
-def _kept(root: Path) -> dict[Path, Json]:
+def _finished_trials(root: Path) -> dict[Path, Json]:
     """Each tactile.csv of a finished trial with its meta.json; trial_10 comes after trial_9.
 
     A trial that was done again stays on disk in a folder of its own, and must not train a model.

@@ -74,7 +74,7 @@ from holdfast.data.timeline import (
     Phase,
     Phases,
     RiskyEvent,
-    Truth,
+    TruthFile,
     events_of,
     read_truth,
     scripted,
@@ -322,7 +322,7 @@ def timed(
 def _phases(
     trial: Trial,
     recording: Recording,
-    truth: Truth,
+    truth: TruthFile,
     action: str | None,
     starts_s: float,
 ) -> Phases:
@@ -339,7 +339,7 @@ def _phases(
     return scripted(trial, recording.samples, action, name, starts_s)
 
 
-def is_by_contact(truth: Truth, action: str | None) -> bool:
+def is_by_contact(truth: TruthFile, action: str | None) -> bool:
     """Whether the phases of a trial are found by contact: of lifts that nothing else labels.
 
     The recorder's rule takes many lifts for one, from the first contact to the end of the last.

@@ -60,7 +60,7 @@ TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 """The file of a trial, and its number."""
 KEYS_OF_A_SET = {"unit", "kind"}
 """A meta.json with one of these describes a set of its own."""
-MOST_N = 200.0
+HARDEST_SIDE_N = 200.0
 """No hand presses harder, N of either side."""
 AFTER_S = 0.5
 """Labels may reach so far beyond the last row."""
@@ -267,9 +267,9 @@ def require_whole(trial: Trial, labels_end_s: float, recorded: int | None) -> No
 def require_possible(recording: Recording, path: Path) -> None:
     """Raise UnitError for forces that no hand has."""
     side_n = _of_a_side(recording)
-    if recording.unit == "N" and side_n > MOST_N:
+    if recording.unit == "N" and side_n > HARDEST_SIDE_N:
         raise UnitError(
-            f"presses with {side_n:.4g} N a side, and no hand with more than {MOST_N:g} N",
+            f"presses with {side_n:.4g} N a side, and no hand with more than {HARDEST_SIDE_N:g} N",
             where=path,
             cause="millinewtons or counts that are called N",
             next_step="holdfast import --unit takes other units; or write the unit to meta.json",

@@ -190,7 +190,6 @@ class Oak:
         return lambda: time.monotonic() < until_s
 
     def close(self) -> None:
-        """Give the camera back."""
         if self.device is not None:
             self.device.close()
 

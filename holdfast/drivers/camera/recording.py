@@ -83,7 +83,7 @@ class CameraFacts(Lens, frozen=True, kw_only=True):
 
 
 def write_about(folder: Path, facts: CameraFacts) -> None:
-    """camera.json. Raises OutputError."""
+    """Write camera.json into a folder of images. Raises OutputError."""
     text = msgspec.json.format(msgspec.json.encode(facts), indent=1).decode()
     write_whole(folder / ABOUT, text + "\n")
 

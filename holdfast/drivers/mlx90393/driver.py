@@ -120,7 +120,6 @@ class Driver:
         return AnswerJudge()
 
     def scale_ut(self, version: int) -> FloatArray:
-        """[3] uT a count."""
         return np.array(chip.SCALE_UT)
 
     def range_mt(self, version: int) -> FloatArray:

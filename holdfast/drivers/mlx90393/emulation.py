@@ -9,16 +9,12 @@ although it is of no conversion (seen on a chip: github.com/Wojtas5/MLX90393-dri
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from holdfast.drivers.mlx90393 import registers as chip
-from holdfast.drivers.virtual.faults import Clock, Faults
-from holdfast.drivers.virtual.virtual_hand import FieldSource, noise_of
+from holdfast.drivers.virtual.virtual_hand import EmulatedChip
 
 RELEASED = 0xFF
-NOISE_UT = (15.0, 15.0, 20.0)
-"""Noise of one average, so that 8 have about that of the pads in simulation/magnet.py."""
 POWER_ON = (0x0070 | chip.HALL_DEFAULT, 0x0000, 0x0000)
 """Registers after power-up: the largest sensitivity."""
 REGISTER_COUNT = 64
@@ -32,28 +28,12 @@ LARGEST_FIELD_UT = 98e3
 """Beyond it the analogue part of the chip is at its end."""
 
 
-class Chip:
-    """One chip. number: 1 .. 6, its name in faults; seed: of its noise, None for none."""
+class Chip(EmulatedChip):
+    """One chip, as virtual_hand.py describes it."""
 
     addresses = chip.ADDRESSES
-
-    def __init__(
-        self,
-        number: int,
-        address: int,
-        field: FieldSource,
-        clock: Clock,
-        faults: Faults,
-        *,
-        seed: int | None = None,
-    ) -> None:
-        self.number = number
-        self.address = address
-        self._field = field
-        self._clock = clock
-        self._faults = faults
-        self._noise_ut = noise_of(seed, number, NOISE_UT)
-        self.power_on()
+    noise_ut = (15.0, 15.0, 20.0)
+    """Of one average, so that 8 have about that of the pads in simulation/effects/magnet.py."""
 
     def power_on(self) -> None:
         """Registers as in its memory, no mode; the first status byte will say RESET."""
@@ -66,13 +46,15 @@ class Chip:
         self._started_ns = 0
         self._read_to = 0
 
+    def fall_asleep(self) -> None:
+        """It leaves its mode, and nothing converts."""
+        self._mode = 0
+
     # -- the wire
 
     def addressed(self, address: int, *, read: bool) -> bool:
         """Whether it acknowledges; a read carries out the command that was written."""
-        if self._faults:
-            self._suffer()
-        if address != self.address or self._has("nack"):
+        if not self._hears(address):
             return False
         if read:
             self._answer = self._carry_out(self._command)
@@ -142,18 +124,15 @@ class Chip:
             return False
         osr, dig_filt = self._value(chip.OSR), self._value(chip.DIG_FILT)
         duration_s = chip.conversion_s(osr, dig_filt)
-        passed_ns = self._clock.now_ns() - self._started_ns
-        done = passed_ns // round(1e9 * duration_s)
+        done = self._completed(self._started_ns, duration_s)
         if done <= self._read_to:
             return False
         self._read_to = done
         if done:
-            began_s = 1e-9 * (self._started_ns - self._faults.born_ns)
-            middle_s = began_s + (done - 0.5) * duration_s
-            noise_ut = self._noise_ut[done % len(self._noise_ut)]
-            root = math.sqrt(2 ** (osr + dig_filt))
-            found = zip(self._field(middle_s), noise_ut, strict=True)
-            self._store([one + noise / root for one, noise in found])
+            averages = 2 ** (osr + dig_filt)
+            self._store(
+                self._measured_ut(self._started_ns, done, duration_s, averages, done)
+            )
         return True
 
     def _store(self, field_ut: Sequence[float]) -> None:
@@ -167,17 +146,3 @@ class Chip:
             results.append(within >> self._value(field) & 0xFFFF)
 
         self._results = (results[0], results[1], results[2])
-
-    # -- faults
-
-    def _has(self, fault: str) -> bool:
-        """Whether this chip has a fault now."""
-        if not self._faults:
-            return False
-        return self._faults.lasts(fault, self.number)
-
-    def _suffer(self) -> None:
-        if self._faults.happened("por", self.number):
-            self.power_on()
-        if self._faults.happened("sleep", self.number):
-            self._mode = 0

@@ -9,7 +9,6 @@ is silent, the emulation does what is harder for a driver: a disabled channel ke
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,8 +25,7 @@ from holdfast.drivers.tmag5273.registers import (
     STANDBY,
     conversion_s,
 )
-from holdfast.drivers.virtual.faults import Clock, Faults
-from holdfast.drivers.virtual.virtual_hand import FieldSource, noise_of
+from holdfast.drivers.virtual.virtual_hand import EmulatedChip
 
 WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
@@ -44,8 +42,6 @@ IDS = (
 )
 WRONG_ID = 0x00
 AXES = range(3)
-NOISE_UT = (125.0, 125.0, 68.0)
-"""Noise of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
 FULL_SCALE = 32768
 MOST_AVERAGING = 5
 """Of CONV_AVG: 2^5 averages; larger values mean the same."""
@@ -61,17 +57,11 @@ class Settings:
     duration_s: float
     """Time of one conversion of all its axes."""
 
-    def raw(
-        self, field_ut: Sequence[float], noise_ut: Sequence[float]
-    ) -> dict[int, int]:
-        """Results of the enabled axes, 16 bits, signed.
-
-        Plain numbers, faster here than an array.
-        """
-        root = math.sqrt(self.averages)
+    def raw(self, measured_ut: Sequence[float]) -> dict[int, int]:
+        """Results of the enabled axes, 16 bits, signed."""
         results = {}
         for axis in self.axes:
-            share = (field_ut[axis] + noise_ut[axis] / root) / self.full_ut[axis]
+            share = measured_ut[axis] / self.full_ut[axis]
             results[axis] = round(max(-32768.0, min(32767.0, FULL_SCALE * share)))
 
         return results
@@ -101,30 +91,14 @@ MODE = REGISTERS["DEVICE_CONFIG_2"]
 CONFIGURATION_BYTES = REGISTERS["I2C_ADDRESS"].address
 
 
-class Chip:
-    """One chip. number: 1 .. 6, its name in faults; seed: of its noise, None for none."""
+class Chip(EmulatedChip):
+    """One chip, as virtual_hand.py describes it."""
 
     addresses = FACTORY_ADDRESSES
+    noise_ut = (125.0, 125.0, 68.0)
+    """Of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
     version = 1
     """1 or 2."""
-
-    def __init__(
-        self,
-        number: int,
-        address: int,
-        field: FieldSource,
-        clock: Clock,
-        faults: Faults,
-        *,
-        seed: int | None = None,
-    ) -> None:
-        self.number = number
-        self.address = address
-        self._field = field
-        self._clock = clock
-        self._faults = faults
-        self._noise_ut = noise_of(seed, number, NOISE_UT)
-        self.power_on()
 
     def power_on(self) -> None:
         """Every register as after power-up."""
@@ -145,9 +119,7 @@ class Chip:
 
     def addressed(self, address: int, *, read: bool) -> bool:
         """Whether it acknowledges; a sleeping chip wakes and does not."""
-        if self._faults:
-            self._suffer()
-        if address != self.address or self._has("nack"):
+        if not self._hears(address):
             return False
         if self._mode in ASLEEP:
             # an address wakes the chip, which is too late to acknowledge it
@@ -172,7 +144,7 @@ class Chip:
         return True
 
     def read(self) -> int:
-        """The next register."""
+        """The register at the pointer, which moves on."""
         byte = self._load(self._pointer)
         self._pointer += 1
         return byte
@@ -218,6 +190,12 @@ class Chip:
         self._bytes[MODE.address] = self._bytes[MODE.address] & ~3 & 0xFF | mode
         self._configured()
 
+    def fall_asleep(self) -> None:
+        """As a write of the mode would do."""
+        self._set_mode(SLEEP)
+        self._forget()
+        self._started_ns = None
+
     def _restart(self, mode_before: int) -> None:
         """A changed configuration restarts the conversions.
 
@@ -243,40 +221,22 @@ class Chip:
         wanted = self._settings
         if self._started_ns is None or not wanted.axes or self._has("frozen"):
             return
-        passed_ns = self._clock.now_ns() - self._started_ns
-        done = passed_ns // round(1e9 * wanted.duration_s)
+        done = self._completed(self._started_ns, wanted.duration_s)
         if done <= self._done:
             return
-        self._conversions += done - self._done
         # conversions in between leave no result, but count
+        self._conversions += done - self._done
         self._done = done
-        began_s = 1e-9 * (self._started_ns - self._faults.born_ns)
-        # a conversion measures the mean field, which is about that of its middle
-        self._convert(began_s + done * wanted.duration_s - 0.5 * wanted.duration_s)
-
-    def _convert(self, middle_s: float) -> None:
-        """One conversion into the result registers."""
-        noise_ut = self._noise_ut[self._conversions % len(self._noise_ut)]
-        field_ut = self._field(middle_s)
-        for axis, result in self._settings.raw(field_ut, noise_ut).items():
+        measured_ut = self._measured_ut(
+            self._started_ns,
+            done,
+            wanted.duration_s,
+            wanted.averages,
+            self._conversions,
+        )
+        for axis, result in wanted.raw(measured_ut).items():
             place = RESULTS + 2 * axis
             struct.pack_into(">h", self._bytes, place, result)
         # SET_COUNT rolls over after eight conversions
         count = (self._conversions % 8) << 5
         self._bytes[STATUS] = self._bytes[STATUS] & 0x1E | count | RESULT_READY
-
-    # -- faults
-
-    def _has(self, fault: str) -> bool:
-        """Whether this chip has a fault now."""
-        if not self._faults:
-            return False
-        return self._faults.lasts(fault, self.number)
-
-    def _suffer(self) -> None:
-        if self._faults.happened("por", self.number):
-            self.power_on()
-        if self._faults.happened("sleep", self.number):
-            self._set_mode(SLEEP)
-            self._forget()
-            self._started_ns = None

@@ -20,12 +20,10 @@ class Clock(Protocol):
     """The time by which a chip converts and that a bridge's transfers take."""
 
     def now_ns(self) -> int:
-        """Monotonic, ns."""
+        """Monotonic time, in ns."""
         ...
 
-    def spend(self, duration_ns: int) -> None:
-        """Let time pass."""
-        ...
+    def spend(self, duration_ns: int) -> None: ...
 
 
 class VirtualClock:
@@ -35,7 +33,6 @@ class VirtualClock:
         self._now_ns = start_ns
 
     def now_ns(self) -> int:
-        """Virtual time, ns."""
         return self._now_ns
 
     def spend(self, duration_ns: int) -> None:

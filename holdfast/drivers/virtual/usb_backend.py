@@ -147,7 +147,6 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         return SimpleNamespace(address=dev.generation + 1, **DEVICE)
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
-        """The only one."""
         return (CONFIGURATION,)[config]
 
     def get_interface_descriptor(
@@ -159,7 +158,6 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     def get_endpoint_descriptor(
         self, dev: Any, ep: int, intf: int, alt: int, config: int
     ) -> Any:
-        """In, or out."""
         return SimpleNamespace(bEndpointAddress=ENDPOINTS[ep], **ENDPOINT)
 
     # -- opening
@@ -170,16 +168,14 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         return Handle(dev.generation)
 
     def close_device(self, dev_handle: Any) -> None:
-        """Release what it claimed."""
         if self._claimed is dev_handle:
             self._claimed = None
 
     def set_configuration(self, dev_handle: Any, config_value: int) -> None:
-        """There is one."""
+        """It has one, which is set already."""
         self._require_there(dev_handle)
 
     def get_configuration(self, dev_handle: Any) -> int:
-        """The only one."""
         self._require_there(dev_handle)
         return 1
 
@@ -191,7 +187,6 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self._claimed = dev_handle
 
     def release_interface(self, dev_handle: Any, intf: int) -> None:
-        """Given back."""
         self._require_there(dev_handle)
         self.close_device(dev_handle)
 
@@ -210,7 +205,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self._detached = False
 
     def clear_halt(self, dev_handle: Any, ep: int) -> None:
-        """Nothing stays halted."""
+        """No endpoint of it stays halted."""
         self._require_there(dev_handle)
 
     # -- transfers

@@ -7,6 +7,8 @@ counted, because they take time. While SDA is held low, nothing is acknowledged 
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -43,32 +45,37 @@ NOISE_ROWS = 4096
 class Target(Protocol):
     """Something with an address on a wire."""
 
+    @abstractmethod
     def addressed(self, address: int, *, read: bool) -> bool:
         """After a START: whether it acknowledges."""
         ...
 
+    @abstractmethod
     def write(self, byte: int) -> bool:
         """A byte from the master: whether it acknowledges."""
         ...
 
+    @abstractmethod
     def read(self) -> int:
         """The next byte for the master."""
         ...
 
+    @abstractmethod
     def stop(self) -> None:
-        """A STOP."""
+        """The end of a transfer."""
         ...
 
 
-class EmulatedChip(Target, Protocol):
-    """A chip of some kind in a field that changes with time. addresses: of its kind.
+class EmulatedChip(Target):
+    """A chip in a field that changes with time: what every kind of chip does alike.
 
-    number: 1 .. 6, its name in faults; seed: of its noise, None for none. It suffers the faults of
-    a sensor (faults.py), each in its own way.
+    A kind adds what it does on the wire, and its faults `wrong`, `frozen` and `diag`, each in its
+    own way (`_has` says when). addresses: of its kind. noise_ut: of one conversion, or one average,
+    in x, y, z. number: 1 .. 6, its name in faults; seed: of its noise, None for none.
     """
 
     addresses: ClassVar[tuple[int, ...]]
-    address: int
+    noise_ut: ClassVar[tuple[float, float, float]]
 
     def __init__(
         self,
@@ -79,11 +86,57 @@ class EmulatedChip(Target, Protocol):
         faults: Faults,
         *,
         seed: int | None = None,
-    ) -> None: ...
+    ) -> None:
+        self.number = number
+        self.address = address
+        self._field = field
+        self._clock = clock
+        self._faults = faults
+        self._noise = noise_of(seed, number, self.noise_ut)
+        self.power_on()
 
+    @abstractmethod
     def power_on(self) -> None:
-        """As after power-up."""
+        """Every state as after power-up."""
         ...
+
+    @abstractmethod
+    def fall_asleep(self) -> None:
+        """It stops to convert, as after a stray write."""
+        ...
+
+    def _hears(self, address: int) -> bool:
+        """Whether it is called, after the faults that happen once; every `addressed` asks first."""
+        if self._faults:
+            if self._faults.happened("por", self.number):
+                self.power_on()
+            if self._faults.happened("sleep", self.number):
+                self.fall_asleep()
+        return address == self.address and not self._has("nack")
+
+    def _has(self, fault: str) -> bool:
+        """Whether this chip has a fault now."""
+        if not self._faults:
+            return False
+        return self._faults.lasts(fault, self.number)
+
+    def _completed(self, started_ns: int, duration_s: float) -> int:
+        """How many conversions of this duration are complete, one after the other since a start."""
+        passed_ns = self._clock.now_ns() - started_ns
+        return passed_ns // round(1e9 * duration_s)
+
+    def _measured_ut(
+        self, started_ns: int, done: int, duration_s: float, averages: int, row: int
+    ) -> list[float]:
+        """[3] what the last of `done` conversions measures. row: of the noise, any number."""
+        began_s = 1e-9 * (started_ns - self._faults.born_ns)
+        # a conversion measures the mean field, which is about that of its middle
+        field_ut = self._field(began_s + done * duration_s - 0.5 * duration_s)
+        noise_ut = self._noise[row % len(self._noise)]
+        root = math.sqrt(averages)
+        # plain numbers, faster here than an array
+        both = zip(field_ut, noise_ut, strict=True)
+        return [field + noise / root for field, noise in both]
 
 
 @lru_cache(maxsize=12)
@@ -203,7 +256,6 @@ class Wire:
         return RELEASED if self._silent else _read_all(self._listening)
 
     def stop(self) -> None:
-        """STOP."""
         self.bits += 1
         self._listening = []
         self._address_next = False
@@ -274,7 +326,7 @@ class Mux:
         self._listening = []
 
     def power_on(self) -> None:
-        """No channel is enabled."""
+        """After power-up no channel is enabled."""
         self._enable(0)
 
     def _enable(self, control: int) -> None:
@@ -297,7 +349,6 @@ class Track:
 
     @property
     def n_sensors(self) -> int:
-        """S."""
         return len(self.field_ut[0])
 
     def at(self, now_s: float, sensor: int) -> list[float]:

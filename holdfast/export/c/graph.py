@@ -52,7 +52,6 @@ class Node:
 
     @property
     def axis(self) -> int:
-        """The attribute `axis`."""
         return int(self.attributes.get("axis", 0))
 
 
@@ -92,7 +91,7 @@ class Graph:
         return math.prod(self.shape(name))
 
     def element(self, name: str) -> int:
-        """Of TensorProto.DataType."""
+        """The type of a tensor's elements, by its number in TensorProto.DataType."""
         return self.tensors[name].element
 
     def c_type(self, name: str) -> str:

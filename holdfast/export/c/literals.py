@@ -98,7 +98,6 @@ class Tables:
         self.n_bytes += n_bytes
 
     def text(self) -> str:
-        """All of them."""
         return "\n".join(self._texts.values())
 
 

@@ -135,11 +135,11 @@ class Memory:
         return name in self._places
 
     def place(self, name: str) -> Place:
-        """Where a tensor lies."""
+        """The array that a tensor lies in, and from which element on."""
         view = self._views.get(name, Place(name))
         whole = self._places[view.base]
         return Place(whole.base, whole.offset + view.offset)
 
     def scratch_bytes(self) -> int:
-        """Of all scratch arrays."""
+        """What all scratch arrays take together."""
         return sum(BYTES.get(c_type, 4) * size for c_type, size in self.sizes.items())

@@ -177,7 +177,7 @@ class LiveStream:
         return shown
 
     def _row(self, sample: Message) -> list[Any]:
-        """The fields of ROW_FIELDS."""
+        """A sample in the order of ROW_FIELDS, for the history of the page."""
         load = squeeze = 0.0
         # fingers that are not valid do not count, as in holdfast/edge_runtime/grip_control.py
         for k, good in enumerate(sample["v"]):
@@ -245,7 +245,7 @@ class PageServer(ThreadingHTTPServer):
 
 
 class PageHandler(BaseHTTPRequestHandler):
-    """One request."""
+    """What answers one request of a browser."""
 
     server: PageServer
     server_version = "holdfast"

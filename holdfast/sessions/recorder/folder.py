@@ -50,7 +50,7 @@ def write_meta(folder: Path, meta: Json) -> None:
 
 
 @contextmanager
-def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
+def recording_folder(root: Path, unit: str, kind: str) -> Iterator[None]:
     """Hold a folder of recordings, new or existing, for one recorder.
 
     kind: recorded, simulated or replayed. Raises OutputError (not a recording folder, or another
@@ -62,7 +62,7 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
     (root / LOCK).touch()
 
     # A lock of the kernel's: it ends with the process, however that ends.
-    with alone(root):
+    with folder_lock(root):
         if there:
             _require_same(root, there, unit, kind)
         else:
@@ -88,7 +88,7 @@ def _root_of(place: Path) -> Path | None:
 
 
 @contextmanager
-def alone(place: Path) -> Iterator[None]:
+def folder_lock(place: Path) -> Iterator[None]:
     """No other recorder uses the folder of recordings meanwhile. Raises OutputError."""
     # The place may be a person or a trial in it.
     root = _root_of(place)
@@ -110,12 +110,12 @@ def alone(place: Path) -> Iterator[None]:
 
 
 @contextmanager
-def reserved(root: Path) -> Iterator[None]:
+def program_lock(root: Path) -> Iterator[None]:
     """Hold a recording folder for this program, whose trials then need no lock of their own.
 
     Raises OutputError where another recorder or study uses it.
     """
-    with alone(root):
+    with folder_lock(root):
         _RESERVED.add(root.absolute())
         try:
             yield

@@ -66,7 +66,7 @@ class TrialTruth:
     marks: dict[str, float | None]
 
     def to_json(self) -> Json:
-        """As training reads it."""
+        """The labels in the form in which training reads them."""
         marks = {f"{name}_s": at_s for name, at_s in self.marks.items()}
         phases = [asdict(one) for one in self.phases]
         return {"phases": phases, **marks, "by": BY}

@@ -67,7 +67,6 @@ class Protocol:
 
     @property
     def sha256(self) -> str:
-        """Of the file's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def ordered(self, seed: int, person: str) -> list[Task]:
@@ -95,7 +94,7 @@ def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
     return left
 
 
-class TrialsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PlanRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A row of a protocol: trials of each of its objects, none for the empty hand."""
 
     action: str
@@ -126,7 +125,7 @@ class ObjectMass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ProtocolCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole file. effects: of a simulated hand, so that one file may serve both."""
 
-    trials: Annotated[tuple[TrialsRow, ...], msgspec.Meta(min_length=1)]
+    trials: Annotated[tuple[PlanRow, ...], msgspec.Meta(min_length=1)]
     title: str = ""
     about: str = ""
     objects: dict[str, ObjectMass] = {}

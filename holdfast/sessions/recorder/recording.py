@@ -22,7 +22,7 @@ from holdfast.drivers.hand import Hand
 from holdfast.drivers.replay import hand_of
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.hand_files import force_of
-from holdfast.live.running import first_in_line
+from holdfast.live.running import real_time_priority
 from holdfast.live.sources import is_hand, open_live
 from holdfast.live.wearer import wearer_monitor
 from holdfast.sessions.calibrate import MeasuredBias, measure_bias, require_good
@@ -30,7 +30,7 @@ from holdfast.sessions.recorder.folder import (
     RECORDING,
     done,
     keep_hand,
-    opened,
+    recording_folder,
     require_ours,
     trials_of,
 )
@@ -80,7 +80,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     source = open_source(options, context)
     card = named or _partial_hand(source)
     # The folder is locked for the whole run: a second recorder would mix trial numbers.
-    folder = opened(options.out, source.unit, kind_of(options.source))
+    folder = recording_folder(options.out, source.unit, kind_of(options.source))
     monitor: AbstractContextManager[IntentMonitor | None] = nullcontext()
     if options.intent is not None:
         monitor = wearer_monitor(options.intent, clock, report)
@@ -89,7 +89,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         closing(source),
         folder,
         monitor as intent,
-        first_in_line(report) as has_priority,
+        real_time_priority(report) as has_priority,
     ):
         if card is not None:
             keep_hand(options.out, card, source.n_channels // 3)

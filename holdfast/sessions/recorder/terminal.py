@@ -362,7 +362,7 @@ class Display:
         self._sink = sink
 
     def report(self, line: str) -> None:
-        """A message that stays."""
+        """A message that stays, above the line that is drawn anew."""
         self._sink(line)
 
     def draw(self, line: str) -> None:

@@ -28,7 +28,7 @@ from holdfast.core.errors import LabelError, OutputError, UsageError, count_of
 from holdfast.core.schema import checked
 from holdfast.core.tactile_file import TORN, repair_lines
 from holdfast.core.trial_layout import read_events
-from holdfast.sessions.recorder.folder import alone, is_json_object, written
+from holdfast.sessions.recorder.folder import folder_lock, is_json_object, written
 
 JOURNAL = "study.jsonl"
 """In the person's folder."""
@@ -107,7 +107,7 @@ class Progress:
     _last_s: float = 0.0
 
     def take(self, entry: Entry) -> None:
-        """One more line."""
+        """Bring the state up to one more entry."""
         event = entry.event
         if event == Event.OPENED:
             # A run that was killed wrote no end: its time counts up to its last line.
@@ -257,7 +257,7 @@ def withdraw(root: Path, person: str, report: Callable[[str], None]) -> None:
         line = json.dumps({**entry, "at": utc_now(), "files": names})
         write_line(root / WITHDRAWN, line.encode(), again)
 
-    with alone(root):
+    with folder_lock(root):
         names = _files_in(home)
         # The names are on the disk before the first file goes: what is left could else not be told.
         note("begun", names)

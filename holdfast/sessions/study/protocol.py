@@ -39,9 +39,9 @@ from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.schema import checked, read, text_of
 from holdfast.sessions.recorder.plan import (
     Mass,
+    PlanRow,
     Protocol,
     Task,
-    TrialsRow,
     require_action,
     require_name,
 )
@@ -99,7 +99,7 @@ class StudyRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StudyCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file."""
+    """A study's file as it is written: its steps and its title."""
 
     steps: Annotated[tuple[StudyRow, ...], msgspec.Meta(min_length=1)]
     title: str = ""
@@ -261,7 +261,7 @@ class _Parts:
         if row.kind == RECORD:
             objects = [] if name is None else [name]
             trials = {"objects": objects, "action": action}
-            task = checked(trials, TrialsRow, place).tasks()[0]
+            task = checked(trials, PlanRow, place).tasks()[0]
             # What an action needs, such as a box, is handed over together with the object.
             needs = of_action.needs
         return StudyPart(

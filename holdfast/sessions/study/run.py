@@ -18,7 +18,7 @@ from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.live.running import StopRequest, stop_signals
 from holdfast.live.sources import is_standard_input
-from holdfast.sessions.recorder.folder import alone, require_ours, reserved
+from holdfast.sessions.recorder.folder import folder_lock, program_lock, require_ours
 from holdfast.sessions.recorder.plan import RecordOptions, Task
 from holdfast.sessions.recorder.recording import kind_of
 from holdfast.sessions.recorder.terminal import RunContext, context_of, listening
@@ -122,14 +122,14 @@ def run_parts(
     # A folder that cannot be written to is found out before the hand is opened.
     require_writable(root)
     # Another study there is a reason to stop before the hand is opened.
-    with alone(root):
+    with folder_lock(root):
         pass
     # Before the person's folder is made: a hand that does not answer leaves nothing behind.
     trials.require_hand()
 
     home = root / options.person
     # For the whole study: between two trials another program would take numbers and time.
-    with reserved(root):
+    with program_lock(root):
         journal = opened_journal(home, context.clock.now_ns)
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()

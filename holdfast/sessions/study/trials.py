@@ -9,11 +9,11 @@ from pathlib import Path
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
-    alone,
     discard,
     done,
+    folder_lock,
     number,
-    opened,
+    recording_folder,
     repair,
     task_folder,
     trials_of,
@@ -46,7 +46,7 @@ class Trials:
         source = open_source(self.options, self.context)
         kind = kind_of(self.options.source)
         # Closed at once: every trial opens the hand for itself.
-        with closing(source), opened(self.root, source.unit, kind):
+        with closing(source), recording_folder(self.root, source.unit, kind):
             n_sensors = source.n_channels // 3
             self.report(f"the hand answers: {n_sensors} sensors, in {source.unit}")
 
@@ -80,7 +80,7 @@ class Trials:
         """Move the last kept trial of a task to the discarded ones; returns its new path."""
         place = task_folder(self.root, self.person, task)
         kept = []
-        with alone(self.root):
+        with folder_lock(self.root):
             for folder, meta in trials_of(self.root, self.person):
                 if folder.parent == place and meta.get("state") == KEPT:
                     kept.append(folder)

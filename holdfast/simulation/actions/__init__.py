@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from holdfast.simulation.effect import Interval, Parameter
+from holdfast.simulation.effects.effect import Interval, Parameter
 
 NEVER_S = 1e9
 """Time of an event that a trial does not have, s: later than any trial lasts."""

@@ -26,10 +26,11 @@ import numpy as np
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.simulation.actions import OPENING, Action, Course, action_named
 from holdfast.simulation.actions.everyday_forces import HEEL, TABLE_OVERSHOOT_M, hit_n
-from holdfast.simulation.effect import Parameter
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from holdfast.simulation.script_times import BOX_GAP_M, CATCH_S
-from holdfast.simulation.truth import LOAD_N, Steps
+from holdfast.simulation.effects.effect import Parameter
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.script_times import BOX_GAP_M, CATCH_S
+from holdfast.simulation.scenes.truth import LOAD_N, Steps
 
 Draws = Mapping[str, float]
 Lasts = Callable[[Draws], float]
@@ -99,7 +100,7 @@ def _turn_s(drawn: Draws) -> float:
 
 
 def _stack_s(drawn: Draws) -> float:
-    """Until the weight rests."""
+    """How long it takes until the added weight rests, in s."""
     return drawn["hit_s"] if drawn["drop_mm"] > 0.0 else drawn["add_s"]
 
 

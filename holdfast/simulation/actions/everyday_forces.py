@@ -14,15 +14,14 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.body import Changes, Floor, Pull, bearer
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, each, least_grip_n
-from holdfast.simulation.script_times import (
+from holdfast.simulation.effects.smooth import smooth, smooth_change
+from holdfast.simulation.physics.body import GRAVITY_M_S2, Changes, Floor, Pull, bearer
+from holdfast.simulation.scenes.protocol import PlannedTrial, least_grip_n, of_each
+from holdfast.simulation.scenes.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
     BOX_GAP_M,
     CATCH_S,
-    smooth,
-    smooth_change,
 )
 
 HEEL = 0.3
@@ -56,7 +55,7 @@ class Everyday:
         self.push = script.push
 
         # Which trials have which action.
-        actions = each(script.trials, "action")
+        actions = of_each(script.trials, "action")
         self.any_of_them = np.isin(actions, EVERYDAY)
         self.tugs = actions == "tug"
         self.turns = np.isin(actions, ("turn", "pour"))

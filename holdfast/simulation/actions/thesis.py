@@ -12,14 +12,14 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.simulation.actions import OPENING, Action, Course
-from holdfast.simulation.effect import Parameter
-from holdfast.simulation.script_times import (
+from holdfast.simulation.effects.effect import Parameter
+from holdfast.simulation.scenes.script_times import (
     BOX_GAP_M,
     BOX_OVERSHOOT_M,
     CATCH_S,
     SETTLE_S,
 )
-from holdfast.simulation.truth import Mark, Steps, first_of
+from holdfast.simulation.scenes.truth import Mark, Steps, first_of
 
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""
@@ -53,7 +53,7 @@ def pull_course(drawn: Mapping[str, float], act: float) -> Course:
 
 
 def fall_course(drawn: Mapping[str, float], act: float) -> Course:
-    """The hand stays closed."""
+    """The hand stays closed. The interval is the time of watching, without the time to settle."""
     # The time to settle is added to every interval (script_times.busy).
     watched_s = drawn["watch_s"] - SETTLE_S
     return Course([(act, act + watched_s)], taken_s=0.0, carried_s=drawn["watch_s"])

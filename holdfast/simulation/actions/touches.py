@@ -14,10 +14,10 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, NORMAL_FLOOR, NOTHING, FloatArray
 from holdfast.simulation.actions import Action
-from holdfast.simulation.effect import Parameter
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import Mark, Truth
+from holdfast.simulation.effects.effect import Parameter
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.stepper import TrialMotion
+from holdfast.simulation.scenes.truth import Mark, Truth
 
 TOUCHES = {
     "lasts_s": Parameter({"uniform": [8, 15]}, "s", 0.5, 3600, "of the whole trial"),

@@ -14,22 +14,22 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
-from holdfast.simulation.body import Inputs
-from holdfast.simulation.core import two_at_least
-from holdfast.simulation.drive import Actuator
-from holdfast.simulation.effect import NO_EFFECTS
-from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript
-from holdfast.simulation.protocol import PlannedTrial, Trials
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.script import body_of
-from holdfast.simulation.script_times import (
+from holdfast.simulation.effects.effect import NO_EFFECTS
+from holdfast.simulation.loop.drive import Actuator
+from holdfast.simulation.loop.people import MISTAKEN_S, Habits, LoopScript
+from holdfast.simulation.physics.body import Inputs
+from holdfast.simulation.physics.solver import two_at_least
+from holdfast.simulation.scenes.protocol import PlannedTrial, Trials
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.script import body_of
+from holdfast.simulation.scenes.script_times import (
     SETTLE_S,
     Times,
     grid_of,
     needs_fine_steps,
     pieces_of,
 )
-from holdfast.simulation.stepper import (
+from holdfast.simulation.scenes.stepper import (
     Part,
     StepSettings,
     StepTape,
@@ -232,7 +232,7 @@ class HandsAndObjects:
 
         rate_hz = self.settings.rate_hz
         target_n = self.actuator.obeyed_n(target_n, self.opens(period))
-        # An object that is merely held needs no fine steps: the core is stable at any step.
+        # An object that is merely held needs no fine steps: the solver is stable at any step.
         busy = self.busy[period, self.kinds]
         eventful = busy | self.slid | self.actuator.moving(target_n)
         fine = moves & eventful

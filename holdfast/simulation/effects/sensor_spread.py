@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Effect,
     Parameter,
     Plan,

@@ -17,13 +17,14 @@ import numpy.typing as npt
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.actions import NEVER_S
-from holdfast.simulation.body import Body
-from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial, Trials, each
-from holdfast.simulation.script import Script
-from holdfast.simulation.script_times import Times, smooth
-from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import Steps
+from holdfast.simulation.effects.effect import stream
+from holdfast.simulation.effects.smooth import smooth
+from holdfast.simulation.physics.body import Body
+from holdfast.simulation.scenes.protocol import PlannedTrial, Trials, of_each
+from holdfast.simulation.scenes.script import Script
+from holdfast.simulation.scenes.script_times import Times
+from holdfast.simulation.scenes.stepper import TrialMotion
+from holdfast.simulation.scenes.truth import Steps
 
 
 @dataclass(frozen=True)
@@ -131,16 +132,16 @@ class Wearer:
         rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
         before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
         missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
-        opens_s = each(times, "open")
+        opens_s = of_each(times, "open")
 
         # The signal comes before the hand moves; a missed one never comes.
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
 
         # Only in a hand-over does the wearer want the hand to let go.
-        self.hands_over = np.isin(each(trials, "action"), ("pass", "put-down"))
-        self.act_s = each(times, "act")
+        self.hands_over = np.isin(of_each(trials, "action"), ("pass", "put-down"))
+        self.act_s = of_each(times, "act")
 
-        self.friction = each(trials, "kinetic_friction")
+        self.friction = of_each(trials, "kinetic_friction")
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
 
@@ -220,7 +221,6 @@ class LoopOutcome:
 
     @property
     def act_s(self) -> float:
-        """When the action begins."""
         return Times.of(self.trial).act
 
     @property

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     SENSORS,
     Effect,
     Parameter,

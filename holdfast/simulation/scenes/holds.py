@@ -32,7 +32,7 @@ the share of gravity along the thumb's axis, a the largest acceleration of the h
 lifting and walking, d the distance of the centre of mass from the middle of the grip (the effect
 `rotation`), r the mean distance of the contacts from it. lean is what fingers beside the apex of a
 curved surface push along the skin, over normal. mu is the static coefficient. A curved object that
-yields is pushed further by normal / R (core.py), R its radius across the grip, k the stiffness of
+yields is pushed further by normal / R (solver.py), R its radius across the grip, k the stiffness of
 all fingers along the skin. A load of L along the thumb's axis changes the normals' sum, for the
 fingers are stiffer than the thumb:
 
@@ -56,9 +56,10 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_layout import is_heavy
 from holdfast.simulation.actions import action_named
-from holdfast.simulation.effect import draw_all
-from holdfast.simulation.objects import HELD, HOLD
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
+from holdfast.simulation.effects.effect import draw_all
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.physics.objects import HELD, HOLD
+from holdfast.simulation.scenes.protocol import PlannedTrial, least_grip_n
 
 LEAST_N = 0.5
 """The weakest grip of either side."""

@@ -3,7 +3,7 @@
 A scene file compiles to the list of effects that it names: the module of an effect is loaded when
 a scene names it, and one that no scene names is never called and keeps no state. Every effect has
 a random stream of its own, so that it shifts no other draw. Stages, in this order: `physics`
-effects take part in every step of the core, or set how it steps; `sensor` effects turn the forces
+effects take part in every step of the solver, or set how it steps; `sensor` effects turn the forces
 on the fingertips into what a sensor reports.
 
 A parameter in a scene file is a constant, a choice, or a distribution that is drawn once a trial:
@@ -42,30 +42,30 @@ DISTRIBUTIONS = (
 )
 """Distributions that a scene file may name."""
 EFFECT_MODULES = {
-    "brush": "contacts",
-    "texture": "contacts",
-    "lag": "contacts",
-    "rotation": "contacts",
-    "arm": "shakes",
-    "tremor": "shakes",
-    "fluctuation": "shakes",
-    "averaging": "chip",
-    "shear_gain": "sensor_spread",
-    "hysteresis": "sensor_spread",
-    "mounting": "sensor_spread",
-    "dipole": "magnet",
-    "pad_magnet": "magnet",
-    "cross_talk": "magnet",
-    "gain_tilt": "magnet",
-    "magnet_reversed": "magnet",
-    "thermal_drift": "magnet",
-    "temperature": "magnet",
-    "hall_noise": "chip",
-    "quantisation": "chip",
-    "magnetometer": "magnet",
-    "drift": "sensor_spread",
-    "white_noise": "sensor_spread",
-    "timing_jitter": "chip",
+    "brush": "physics.contacts",
+    "texture": "physics.contacts",
+    "lag": "physics.contacts",
+    "rotation": "physics.contacts",
+    "arm": "effects.shakes",
+    "tremor": "effects.shakes",
+    "fluctuation": "effects.shakes",
+    "averaging": "effects.chip",
+    "shear_gain": "effects.sensor_spread",
+    "hysteresis": "effects.sensor_spread",
+    "mounting": "effects.sensor_spread",
+    "dipole": "effects.magnet",
+    "pad_magnet": "effects.magnet",
+    "cross_talk": "effects.magnet",
+    "gain_tilt": "effects.magnet",
+    "magnet_reversed": "effects.magnet",
+    "thermal_drift": "effects.magnet",
+    "temperature": "effects.magnet",
+    "hall_noise": "effects.chip",
+    "quantisation": "effects.chip",
+    "magnetometer": "effects.magnet",
+    "drift": "effects.sensor_spread",
+    "white_noise": "effects.sensor_spread",
+    "timing_jitter": "effects.chip",
 }
 """Every effect in the order in which they run, and the module of this package that has it."""
 
@@ -303,7 +303,7 @@ def module_effects(name: str) -> dict[str, Effect]:
 
 
 def effect_named(name: str) -> Effect:
-    """An effect of EFFECT_MODULES."""
+    """An effect by its name; loads the module that has it."""
     return module_effects(name)[name]
 
 
@@ -350,17 +350,17 @@ class EffectBatch:
 
 
 class PhysicsEffect:
-    """A part of every step of the core, built for a batch of B trials.
+    """A part of every step of the solver, built for a batch of B trials.
 
-    Its kind says what the core asks it for, and thereby its place in PhysicsEffects:
+    Its kind says what the solver asks it for, and thereby its place in PhysicsEffects:
     shakes    the hand accelerates: acceleration_m_s2(t_s [B]) -> [3, B]
     textures  friction depends on how far an element has slipped: scale(slip in the last step
               [E, S, B]) -> [E, S, B], a factor of the friction limit
     lags      a part of the normal force with memory, which gains stiffness * (change of depth)
-              + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and moved(change
+              + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and follow(change
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
     turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
-              [3, B]) moves the brushes in place after the core has
+              [3, B]) moves the brushes in place after the solver has
     grips     the fingers are unsteady: closure_m(closure [S, B], t_s [B]) -> [S, B]
     """
 
@@ -383,7 +383,7 @@ class PhysicsEffect:
 
 @dataclass(frozen=True)
 class PhysicsEffects:
-    """What takes part in every step of the core: empty unless the scene names an effect."""
+    """What takes part in every step of the solver: empty unless the scene names an effect."""
 
     shakes: tuple[Any, ...] = ()
     textures: tuple[Any, ...] = ()

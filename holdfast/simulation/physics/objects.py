@@ -32,7 +32,7 @@ from holdfast.core.hand_card import (
     fill_unmeasured,
 )
 from holdfast.core.trial_layout import MASSES_G
-from holdfast.simulation.effect import Parameter, Reported
+from holdfast.simulation.effects.effect import Parameter, Reported
 
 THUMB_MM, FINGER_MM = 48.0, 22.0
 """Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
@@ -79,7 +79,6 @@ class HeldObject:
 
     @property
     def mass_kg(self) -> float:
-        """Its mass in kg."""
         return 1e-3 * self.mass_g
 
     @property

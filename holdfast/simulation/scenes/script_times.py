@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.actions import NEVER_S, action_named
-from holdfast.simulation.effect import Interval
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.effects.effect import Interval
+from holdfast.simulation.scenes.protocol import PlannedTrial
 
 OPEN_GAP_M = 0.03
 """Distance of an open hand's fingers from the object."""
@@ -29,19 +29,6 @@ ARM_DAMPING = 0.7
 """Of an arm that holds an object, over critical damping."""
 CATCH_S = 0.5
 """Time before the hand opens at which the person of a disturbed hold comes back."""
-
-
-def smooth(u: FloatArray) -> FloatArray:
-    """0 below 0, 1 above 1, minimum jerk between (Flash & Hogan, J. Neurosci. 5, 1985)."""
-    u = np.minimum(np.maximum(u, 0.0), 1.0)
-    # 10 u^3 - 15 u^4 + 6 u^5
-    polynomial = 10.0 + u * (6.0 * u - 15.0)
-    return u * u * u * polynomial
-
-
-def smooth_change(u: FloatArray) -> FloatArray:
-    """The second derivative of that path by u, for u from 0 to 1."""
-    return u * (60.0 - u * (180.0 - 120.0 * u))
 
 
 @dataclass(frozen=True)
@@ -65,7 +52,7 @@ class Times:
 
     @staticmethod
     def of(trial: PlannedTrial) -> Times:
-        """From the trial's draws."""
+        """The times that follow from what was drawn for a trial."""
         drawn = trial.drawn
 
         # The empty hand has no events, only an end.

@@ -1,4 +1,4 @@
-"""The core: brush contacts on an object in 3D, one implicit step, many trials at once.
+"""The solver: brush contacts on an object in 3D, one implicit step, many trials at once.
 
 body.py has the frame, the arrays and what they mean; every trial has a step length of its own.
 Contact i presses by how deep its finger is closed into the object:
@@ -30,7 +30,8 @@ from collections.abc import Callable
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
-from holdfast.simulation.body import (
+from holdfast.simulation.effects.effect import NO_EFFECTS, PhysicsEffects
+from holdfast.simulation.physics.body import (
     TINY,
     Body,
     Floor,
@@ -43,7 +44,6 @@ from holdfast.simulation.body import (
     recess_m,
     taken_by_lags_j,
 )
-from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 
 Swept = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """What a sweep of the brushes gives: speed, rho, trial stretch, length of the trial stretch."""
@@ -139,7 +139,7 @@ def _move_lags(
 
     touching = state.normal_n > 0.0
     for lag in effects.lags:
-        lag.moved(change_m, touching, dt_s)
+        lag.follow(change_m, touching, dt_s)
 
 
 def _loads(

@@ -10,11 +10,13 @@ import numpy as np
 
 from holdfast.core.hand_card import HandCard
 from holdfast.simulation.actions import EMPTY_HANDED, parameters_of
-from holdfast.simulation.effect import draw_all, stream
-from holdfast.simulation.objects import HeldObject, load_factors, touch_parameters
-
-GRAVITY_M_S2 = 9.81
-"""Acceleration of gravity."""
+from holdfast.simulation.effects.effect import draw_all, stream
+from holdfast.simulation.physics.body import GRAVITY_M_S2
+from holdfast.simulation.physics.objects import (
+    HeldObject,
+    load_factors,
+    touch_parameters,
+)
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ Trials = Sequence[PlannedTrial]
 """Trials of a batch or of a set, in their order."""
 
 
-def each(things: Sequence[Any], name: str) -> Any:
+def of_each(things: Sequence[Any], name: str) -> Any:
     """[B] an attribute of every trial or object of a batch."""
     return np.array([getattr(thing, name) for thing in things])
 

@@ -47,13 +47,13 @@ from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import checked, find_card, read, text_of
 from holdfast.simulation import SCENES, STYLES
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     EFFECT_MODULES,
     Parameter,
     effect_named,
     step_settings,
 )
-from holdfast.simulation.objects import (
+from holdfast.simulation.physics.objects import (
     HOLD,
     OBJECT_KEYS,
     OBJECTS,
@@ -62,7 +62,7 @@ from holdfast.simulation.objects import (
     hand_of_counts,
     held_object,
 )
-from holdfast.simulation.protocol import TrialsRow, least_grip_n
+from holdfast.simulation.scenes.protocol import TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
@@ -85,7 +85,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Physics(msgspec.Struct, forbid_unknown_fields=True):
-    """The section [physics]."""
+    """The section [physics] of a scene, checked."""
 
     step_s: Annotated[float, Meta(ge=1e-6, le=1.0)] = STEP_S
 
@@ -142,7 +142,6 @@ class SceneFile:
 
     @property
     def sha256(self) -> str:
-        """Of the file's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 

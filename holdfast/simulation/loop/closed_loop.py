@@ -26,16 +26,16 @@ from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, Controller, GripSense, Holdfast
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
-from holdfast.simulation.core import two_at_least
-from holdfast.simulation.drive import Actuator, Drive, Opening
-from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
-from holdfast.simulation.loop_physics import HandsAndObjects, loop_end_s, spans_of
-from holdfast.simulation.loop_sensing import Between, HandModels, LoopSensors
-from holdfast.simulation.magnet import shear_gain_in
-from holdfast.simulation.protocol import Trials
-from holdfast.simulation.scene import Scene
-from holdfast.simulation.script_times import Times
-from holdfast.simulation.stepper import WORTH_LEAVING, TrialMotion, some_trials
+from holdfast.simulation.effects.magnet import shear_gain_in
+from holdfast.simulation.loop.drive import Actuator, Drive, Opening
+from holdfast.simulation.loop.people import Habits, LoopOutcome, Wearer, outcome_of
+from holdfast.simulation.loop.physics import HandsAndObjects, loop_end_s, spans_of
+from holdfast.simulation.loop.sensing import Between, HandModels, LoopSensors
+from holdfast.simulation.physics.solver import two_at_least
+from holdfast.simulation.scenes.protocol import Trials
+from holdfast.simulation.scenes.scene import Scene
+from holdfast.simulation.scenes.script_times import Times
+from holdfast.simulation.scenes.stepper import WORTH_LEAVING, TrialMotion, some_trials
 
 SENSES = GripSense.__struct_fields__
 ROWS_TO_SPARE = 5
@@ -230,7 +230,7 @@ class ClosedLoop:
         self._agents_n = self.world.all.state.agents_n.copy()
 
     def run(self) -> list[LoopOutcome]:
-        """Run to the end."""
+        """Every period in turn, then the outcome of each trial."""
         for period in range(self.spans.periods):
             target_n = self.decide(period)
             self.note(period, target_n)
@@ -351,13 +351,12 @@ class BranchingLoop(ClosedLoop):
         super()._take_hands(scene, hands, model, settings, self.lead)
 
     def _hands(self) -> IntArray:
-        """[lanes] each lane's hand."""
+        """The hand of each lane, [lanes]; -1 where it has none."""
         hands = np.full(len(self.trials), -1)
         hands[self.lead] = np.arange(len(self.lead))
         return hands[self._column_of]
 
     def run(self) -> list[LoopOutcome]:
-        """Run to the end."""
         for period in range(self.spans.periods):
             self._leave(period)
             target_n = self.decide(period)

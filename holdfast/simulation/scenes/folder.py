@@ -24,10 +24,10 @@ from holdfast.core.table import Column, csv_bytes, trial_csv
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_new, whole_folder, write_whole
-from holdfast.simulation.effect import Drawn, Signal
-from holdfast.simulation.protocol import PlannedTrial, Trials
-from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
-from holdfast.simulation.stepper import Done
+from holdfast.simulation.effects.effect import Drawn, Signal
+from holdfast.simulation.scenes.protocol import PlannedTrial, Trials
+from holdfast.simulation.scenes.scene import BATCH, Scene, SimulatedTrial, shifted_s
+from holdfast.simulation.scenes.stepper import Done
 
 KIND = "simulated"
 """Value of "kind" in the meta.json of a set."""

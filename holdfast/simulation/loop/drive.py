@@ -24,8 +24,8 @@ import msgspec
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.protocol import Trials, each
-from holdfast.simulation.script import body_of
+from holdfast.simulation.scenes.protocol import Trials, of_each
+from holdfast.simulation.scenes.script import body_of
 
 Opening = Literal["wearer", "larger"]
 OPENINGS: dict[Opening, str] = {
@@ -79,7 +79,7 @@ class Actuator:
         self.drive = drive
         self.opening = opening
         # The grip with which the wearer closes the hand.
-        self.own_n = each(trials, "grip_n")
+        self.own_n = of_each(trials, "grip_n")
         per_m = stiffness_n_per_m(trials)
 
         # Opening speed times stiffness, N/s: the grip that the fastest closing adds in a second.

@@ -1,4 +1,4 @@
-"""The truth of a trial, events and phases, from the core's own state, never from a sensor.
+"""The truth of a trial, events and phases, from the solver's own state, never from a sensor.
 
 load onset      after the action begins, the force of people and box changes by LOAD_N
 incipient slip  from then on, the first element of any touching brush slides
@@ -30,9 +30,9 @@ from holdfast.core.contract import (
     Json,
 )
 from holdfast.simulation.actions import EVERYDAY, action_named
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.script_times import CATCH_S, Times
-from holdfast.simulation.stepper import TrialMotion
+from holdfast.simulation.scenes.protocol import PlannedTrial
+from holdfast.simulation.scenes.script_times import CATCH_S, Times
+from holdfast.simulation.scenes.stepper import TrialMotion
 
 LOAD_N = 0.1
 """Change of the force of people and box that counts as load onset."""

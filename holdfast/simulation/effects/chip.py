@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Effect,
     Parameter,
     Plan,

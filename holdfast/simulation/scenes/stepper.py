@@ -1,7 +1,7 @@
-"""Steps trials through the core: forces at every sample, and the truth at every step.
+"""Steps trials through the solver: forces at every sample, and the truth at every step.
 
 A `Part` is some trials of a batch with all that a step of them needs. The open loop (motions) and
-the closed one (loop_physics.py) step parts; they differ in when they do, and in what is taken out.
+the closed one (loop/physics.py) step parts; they differ in when they do, and in what is taken out.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
-from holdfast.simulation.body import Body, Inputs, State, at_rest
-from holdfast.simulation.core import step
-from holdfast.simulation.effect import NO_EFFECTS, Interval, PhysicsEffects
-from holdfast.simulation.protocol import Trials, each
-from holdfast.simulation.script import Script, body_of
-from holdfast.simulation.script_times import Grid, grid_of
+from holdfast.simulation.effects.effect import NO_EFFECTS, Interval, PhysicsEffects
+from holdfast.simulation.physics.body import Body, Inputs, State, at_rest
+from holdfast.simulation.physics.solver import step
+from holdfast.simulation.scenes.protocol import Trials, of_each
+from holdfast.simulation.scenes.script import Script, body_of
+from holdfast.simulation.scenes.script_times import Grid, grid_of
 
 CHUNK = 64
 """Steps whose inputs are computed together."""
@@ -115,7 +115,7 @@ class StepTape:
         travel_m: FloatArray,
     ) -> None:
         """Step k of some trials; travel_m [S, B]: how far each contact has slipped."""
-        # The events of a trial are read off these flags, so they are of the core and of no sensor.
+        # The events of a trial are read off these flags: they are of the solver, of no sensor.
         touching = state.normal_n > 0.0
         count = touching.sum(axis=0)
         gripped = count > 0
@@ -335,7 +335,7 @@ class _OpenLoop:
             grid = grid_of(trial, settings.rate_hz, settings.step_s, more)
             self.grids.append(grid)
         self.at_s, self.sample = _stack(self.grids)
-        start_s = each(self.grids, "start_s")
+        start_s = of_each(self.grids, "start_s")
 
         # Every trial has steps of its own, so ends and starts are arrays.
         self.before_s = np.vstack([start_s, self.at_s[:-1]])

@@ -1,4 +1,4 @@
-"""What the core steps: the held object and its contacts, what acts on it, and where everything is.
+"""What the solver steps: the held object and its contacts, what acts on it, where everything is.
 
 And the energy of a step: no trial ends with more than it had and was given.
 
@@ -17,8 +17,10 @@ from typing import Self
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import PhysicsEffects
+from holdfast.simulation.effects.effect import PhysicsEffects
 
+GRAVITY_M_S2 = 9.81
+"""Acceleration of gravity."""
 TINY = 1e-300
 """Keeps a division by zero away."""
 add = np.add.reduce
@@ -79,7 +81,7 @@ class _Steps:
     """One step, or n steps with [n, ..] everywhere."""
 
     def at(self, k: int) -> Self:
-        """Step k of several."""
+        """One step out of several: the arrays lose their first axis."""
         return type(self)(*[array[k] for array in vars(self).values()])
 
 
@@ -132,7 +134,6 @@ class Floor:
     up: FloatArray = field(default_factory=lambda: UPWARDS)
 
     def at(self, k: int) -> Floor:
-        """Step k of several."""
         return replace(self, height_m=self.height_m[k], cap_n=self.cap_n[k])
 
 
@@ -251,7 +252,7 @@ def changed(
 
 
 def kinetic_j(body: Body, state: State) -> FloatArray:
-    """[B] energy of motion."""
+    """Energy of the object's motion, [B] in J."""
     squares = state.velocity_m_s * state.velocity_m_s
     square = squares[0] + squares[1] + squares[2]
     return 0.5 * body.mass_kg * square

@@ -8,17 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
-from holdfast.simulation.body import TINY, Body, State, brush_j
-from holdfast.simulation.core import Swept, settle
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Drawn,
     Effect,
     EffectBatch,
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.objects import HeldObject
-from holdfast.simulation.protocol import GRAVITY_M_S2
+from holdfast.simulation.physics.body import GRAVITY_M_S2, TINY, Body, State, brush_j
+from holdfast.simulation.physics.objects import HeldObject
+from holdfast.simulation.physics.solver import Swept, settle
 
 MOST_ELEMENTS = 50
 """Largest number of elements of a brush that a scene may ask for."""
@@ -61,7 +60,7 @@ class Lag(PhysicsEffect):
         left = 1.0 / (1.0 + dt_s / self.time_s)
         return self.stiffness * left, self.held_n * left
 
-    def moved(
+    def follow(
         self, change_m: FloatArray, touching: BoolArray, dt_s: FloatArray
     ) -> None:
         """Take in the change of depth; without contact the memory is lost."""
@@ -123,8 +122,8 @@ class Rotation(PhysicsEffect):
     keeps its rate. The skin in the grip damps a turn, and people and box by the share of the weight
     that they bear: c omega. I = m (gyration + offset^2), kg m^2.
 
-    The brushes move by omega x p on top of the core's translation. This step comes after the
-    core's, implicit in omega, with the same reweighting and the same balance of energy (operator
+    The brushes move by omega x p on top of the solver's translation. This step comes after the
+    solver's, implicit in omega, with the same reweighting and the same balance of energy (operator
     splitting: Strang, SIAM J. Numer. Anal. 5, 1968; first order here). The object does not turn at
     all while friction can hold it. Left out: turning about y and z, which two fingers and more
     across the grip resist, and turning does not move its middle.
@@ -195,7 +194,7 @@ class Rotation(PhysicsEffect):
         brushes = (drive, damped, body.brush_n_per_m, stretch_m, across, limit_m, dt_s)
         self.rate, self.rho, trial, length = settle(_sweep, rho, brushes)
 
-        # The return mapping, as in the core: rho is held, the rest has slipped.
+        # The return mapping, as in the solver: rho is held, the rest has slipped.
         state.stretch_m = self.rho * trial
         slipped_m = (1.0 - self.rho) * length
         state.slip_m_s = state.slip_m_s + slipped_m / dt_s
@@ -231,7 +230,7 @@ class Rotation(PhysicsEffect):
         self, body: Body, state: State, across: FloatArray, limit_m: FloatArray
     ) -> FloatArray:
         """[B] damping of the fingers along the surface, N m s/rad: of the elements that stick."""
-        # Both the core's step and the last turn must have held the element.
+        # Both the solver's step and the last turn must have held the element.
         holds = (self.rho == 1.0) & (state.slip_m_s == 0.0)
         touches = limit_m > 0.0
         stuck = np.where(holds & touches, body.brush_n_per_m, 0.0)
@@ -252,7 +251,7 @@ class Rotation(PhysicsEffect):
         return skin + people
 
     def _slow(self, inertia: FloatArray, left_j: FloatArray) -> IntArray:
-        """Keep the energy of motion within left_j [B], as the core does.
+        """Keep the energy of motion within left_j [B], as the solver does.
 
         Returns the trials where standing still is not enough.
         """
@@ -275,7 +274,7 @@ def _sweep(
 ) -> Swept:
     """One reweighting of the springs by rho: (rate [B], rho, stretch, its length).
 
-    The core's sweep (core.py) with lever arms: a torque for each force, an inertia for the mass.
+    The sweep of solver.py with lever arms: a torque for each force, an inertia for the mass.
     """
     spring = brush * rho
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Drawn,
     Effect,
     EffectBatch,
@@ -16,7 +16,7 @@ from holdfast.simulation.effect import (
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.script_times import smooth, smooth_change
+from holdfast.simulation.effects.smooth import smooth, smooth_change
 
 FOREVER_S = 1e9
 """Longer than any trial."""
@@ -106,7 +106,7 @@ class Arm(PhysicsEffect):
         return share[:, None] * self.along[:, trial]
 
     def busy_s(self, trial: int) -> list[Interval]:
-        """Every reach."""
+        """The intervals of its reaches, in s; the rests between them are left out."""
         first_s = self.start_s[trial]
         cycle_s = self.cycle_s[trial]
         lasts_s = self.lasts_s[trial]
@@ -152,7 +152,6 @@ class Tremor(PhysicsEffect):
         return self.along[0] * waves[0] + self.along[1] * waves[1]
 
     def busy_s(self, trial: int) -> list[Interval]:
-        """The whole trial."""
         return [(0.0, FOREVER_S)]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.actions import action_named
-from holdfast.simulation.effect import (
+from holdfast.simulation.effects.effect import (
     Drawn,
     Effect,
     EffectBatch,
@@ -26,12 +26,17 @@ from holdfast.simulation.effect import (
     step_settings,
     stream,
 )
-from holdfast.simulation.objects import HOLD, NO_OBJECT, read_of, sensed_of
-from holdfast.simulation.protocol import PlannedTrial, Trials, TrialsRow, draw_trial
-from holdfast.simulation.scene_file import SceneFile
-from holdfast.simulation.script_times import grid_of
-from holdfast.simulation.stepper import Done, StepSettings, TrialMotion, motions
-from holdfast.simulation.truth import Truth, truth_of
+from holdfast.simulation.physics.objects import HOLD, NO_OBJECT, read_of, sensed_of
+from holdfast.simulation.scenes.protocol import (
+    PlannedTrial,
+    Trials,
+    TrialsRow,
+    draw_trial,
+)
+from holdfast.simulation.scenes.scene_file import SceneFile
+from holdfast.simulation.scenes.script_times import grid_of
+from holdfast.simulation.scenes.stepper import Done, StepSettings, TrialMotion, motions
+from holdfast.simulation.scenes.truth import Truth, truth_of
 
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
@@ -62,7 +67,7 @@ class Scene:
 
     file             as it was read
     seed             of all random streams
-    settings         how the core steps
+    settings         how the solver steps
     sensor_effects   name -> effect, in the order in which they act
     physics_effects  name -> effect, those that take part in every step
     """
@@ -71,7 +76,7 @@ class Scene:
         self.file = file
         self.seed = seed
 
-        # An effect that only sets how the core steps is called once, by step_settings.
+        # An effect that only sets how the solver steps is called once, by step_settings.
         self.sensor_effects: dict[str, Effect] = {}
         self.physics_effects: dict[str, Effect] = {}
         for name in file.effects:
@@ -114,7 +119,7 @@ class Scene:
             return trial
 
         # Loaded only for a row that names one of its keys, with a random stream of its own.
-        from holdfast.simulation.holds import in_hold
+        from holdfast.simulation.scenes.holds import in_hold
 
         rng = stream(self.seed, number, "hold")
         peak_m_s2 = lever_m = 0.0
@@ -245,7 +250,7 @@ class Scene:
         if rows.unit != "uT" or self.file.unit != "N":
             return rows
         # Only scenes with a magnet need its calibration.
-        from holdfast.simulation.magnet import calibrate
+        from holdfast.simulation.effects.magnet import calibrate
 
         return calibrate(rows)
 

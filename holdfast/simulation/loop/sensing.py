@@ -31,10 +31,10 @@ from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import forces_of
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.effect import Plan, PlanRequest, Rows
-from holdfast.simulation.objects import read_of, sensed_of
-from holdfast.simulation.protocol import Trials
-from holdfast.simulation.scene import Scene
+from holdfast.simulation.effects.effect import Plan, PlanRequest, Rows
+from holdfast.simulation.physics.objects import read_of, sensed_of
+from holdfast.simulation.scenes.protocol import Trials
+from holdfast.simulation.scenes.scene import Scene
 
 OUTPUTS = ("p_situation", "situation", "unknown", "usable_sensors")
 """Outputs of the graph that a controller needs."""

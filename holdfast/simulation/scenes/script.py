@@ -1,4 +1,4 @@
-"""A batch of trials as the core takes it: bodies, times of the steps, actions of hand and people.
+"""A batch of trials as the solver takes it: bodies, times of the steps, actions of hand and people.
 
 Steps are fine where anything can happen (something moves, lets go, touches) and one sample long
 elsewhere; a trial's steps depend on the trial alone.
@@ -14,7 +14,9 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.body import (
+from holdfast.simulation.effects.smooth import smooth
+from holdfast.simulation.physics.body import (
+    GRAVITY_M_S2,
     UPWARDS,
     Body,
     Floor,
@@ -24,8 +26,8 @@ from holdfast.simulation.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.protocol import GRAVITY_M_S2, Trials, each
-from holdfast.simulation.script_times import (
+from holdfast.simulation.scenes.protocol import Trials, of_each
+from holdfast.simulation.scenes.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
     BOX_GAP_M,
@@ -33,7 +35,6 @@ from holdfast.simulation.script_times import (
     CATCH_S,
     OPEN_GAP_M,
     Times,
-    smooth,
 )
 
 GIVER_CAP_N = 40.0
@@ -74,12 +75,12 @@ def body_of(trials: Trials, pressure: FloatArray) -> Body:
             down[:, k] = trial.down
 
     # Finger and object are springs in series; a contact has its part of the object's.
-    held_n_per_m = each(objects, "stiffness_n_per_m")
+    held_n_per_m = of_each(objects, "stiffness_n_per_m")
     stuff = held_n_per_m * hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
 
     # Friction on silicone is an assumption (objects.py), so every trial varies it by a factor.
-    friction = each(objects, "friction") * _drawn(trials, "friction_factor")
+    friction = of_each(objects, "friction") * _drawn(trials, "friction_factor")
 
     # Each element of the brush has an equal part of a finger's stiffness along the skin.
     elements = len(pressure)
@@ -87,17 +88,17 @@ def body_of(trials: Trials, pressure: FloatArray) -> Body:
     springs = np.broadcast_to(spring, (elements, *finger.shape))
 
     return Body(
-        mass_kg=each(objects, "mass_kg"),
+        mass_kg=of_each(objects, "mass_kg"),
         gravity_m_s2=GRAVITY_M_S2 * down,
-        curvature_per_m=each(objects, "curvature_per_m").T,
-        straight_m=1e-3 * each(objects, "half_length_mm"),
+        curvature_per_m=of_each(objects, "curvature_per_m").T,
+        straight_m=1e-3 * of_each(objects, "half_length_mm"),
         at_m=np.stack([trial.at_m for trial in trials], axis=2),
         stiffness_n_per_m=normal,
         damping_n_s_per_m=LOSS_S * normal,
         brush_n_per_m=springs.copy(),
         pressure=pressure[:, None, None],
         static=friction,
-        kinetic=friction * each(objects, "kinetic_share"),
+        kinetic=friction * of_each(objects, "kinetic_share"),
         thumb=hand.thumb,
     )
 
@@ -126,12 +127,12 @@ class Script:
         self.body = body
         # [B] when each person or hand acts
         times = [Times.of(trial) for trial in trials]
-        self.close_s = each(times, "close")
-        self.give_s = each(times, "give")
-        self.act_s = each(times, "act")
-        self.open_s = each(times, "open")
+        self.close_s = of_each(times, "close")
+        self.give_s = of_each(times, "give")
+        self.act_s = of_each(times, "act")
+        self.open_s = of_each(times, "open")
         # [B] which trials have which action
-        actions = each(trials, "action")
+        actions = of_each(trials, "action")
         self.holds = actions == "hold"
         self.falls = actions == "fall"
         self.sets_down = actions == "put-down"
@@ -142,7 +143,7 @@ class Script:
         # A finger that bears nothing stays open.
         shares = np.stack([trial.share for trial in trials], axis=1)
         self.stays_open = shares == 0.0
-        self.grip_n = each(trials, "grip_n")
+        self.grip_n = of_each(trials, "grip_n")
         # How far past contact a finger must close for its share of the grip of its side.
         self.closed_m = self.grip_n * shares / body.stiffness_n_per_m
         # Where the grip is set by friction, fingers close onto the surface under them.
@@ -203,7 +204,7 @@ class Script:
         acting = [_acts(person) for person in people]
         inputs = []
 
-        # All steps were computed at once; the core takes them one by one.
+        # All steps were computed at once; the solver takes them one by one.
         for k, closure_m in enumerate(closures_m or self.wearers_closures(t_s)):
             pulls = []
             for person, acts in zip(people, acting, strict=True):
