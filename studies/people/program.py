@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import resource
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -25,7 +26,14 @@ from holdfast.evaluation.model_outputs import run_model
 from holdfast.training.plan import PLANS, at_rate
 from studies.model_sets import QUICK_TRIALS, training_sets
 from studies.people.figures import Lifts, lifts_of, parts_of, summary
-from studies.people.folds import fold_files, for_hand, read_study, scenes_file
+from studies.people.folds import (
+    FoldFile,
+    Study,
+    fold_files,
+    for_hand,
+    read_study,
+    scenes_file,
+)
 from studies.people.lifts_and_scenes import force_rows, told_apart
 from studies.people.rotations import read_rotations, rotations_found
 from studies.people.slips_found import (
@@ -105,19 +113,7 @@ def run(args: argparse.Namespace) -> int:
         left_out += _answered(file.path, study.streams.of_groups(file.people))
     rows["people left out"] = left_out
 
-    say("slips put into real holds")
-    trials = QUICK_TRIALS if args.quick else SLIP_TRIALS
-    slips = slips_for_lifts(args.sets or args.out, args.rate, trials)
-    scenes = scenes_file(study, args.out, say)
-    deafness = slips_found(files, scenes, study.streams, slips, args.seed)
-    say("slips in two-pad scenes")
-    pads_found = two_pads_found(
-        files[0].path, scenes, args.sets or args.out, args.rate, trials
-    )
-    say("rotations of an object that people pinch")
-    pinched = read_rotations(args.rate, quick=args.quick)
-    paths = [file.path for file in files]
-    rotations = rotations_found(paths, scenes, pinched, args.seed)
+    found = _found(study, files, args, say)
     say("lifts beside scenes")
     pads = [data for data in study.sets if data.hand and data.hand.name == CARD]
     lacking = force_rows(study.streams, pads[:-1])
@@ -131,9 +127,7 @@ def run(args: argparse.Namespace) -> int:
         "quick": args.quick,
         "cpu_minutes": _cpu_minutes(),
         "rows": {name: summary(lifts, args.seed) for name, lifts in rows.items()},
-        "slips_in_lifts": deafness,
-        "slips_in_two_pad_scenes": pads_found,
-        "rotations_in_pinches": rotations,
+        **found,
         "forces": [asdict(row) for row in lacking],
         "told_apart": asdict(told_apart(study.streams, pads[:-1], args.seed)),
         "by_person": {
@@ -148,6 +142,28 @@ def run(args: argparse.Namespace) -> int:
     path = write_figures(args.out / "people.json", figures)
     print("\n".join([*_lines(figures), str(path)]))
     return 0
+
+
+def _found(
+    study: Study, files: Sequence[FoldFile], args: argparse.Namespace, say: Stages
+) -> Json:
+    """What files that learned from lifts find beside one that learned from scenes alone."""
+    folder, rate_hz = args.sets or args.out, args.rate
+    say("slips put into real holds")
+    trials = QUICK_TRIALS if args.quick else SLIP_TRIALS
+    slips = slips_for_lifts(folder, rate_hz, trials)
+    scenes = scenes_file(study, args.out, say)
+    in_lifts = slips_found(files, scenes, study.streams, slips, args.seed)
+    say("slips in two-pad scenes")
+    in_scenes = two_pads_found(files[0].path, scenes, folder, rate_hz, trials)
+    say("rotations of an object that people pinch")
+    pinched = read_rotations(rate_hz, quick=args.quick)
+    paths = [file.path for file in files]
+    return {
+        "slips_in_lifts": in_lifts,
+        "slips_in_two_pad_scenes": in_scenes,
+        "rotations_in_pinches": rotations_found(paths, scenes, pinched, args.seed),
+    }
 
 
 def _answered(model: Path, streams: DataSet) -> Lifts:
