@@ -83,24 +83,9 @@ LONGEST = (
     "test_replay",
     "test_line_source",
     "test_lost_fingers",
-    "test_study",
-    "test_loop",
-    "test_check",
-    "test_house",
-    "test_report_words",
-    "test_c_example",
-    "test_run_outputs",
-    "test_own_situations",
-    "test_terminal",
     "test_schedule",
-    "test_import",
-    "test_camera_onset",
-    "test_mlx90393",
-    "test_cues",
-    "test_thesis_layout",
-    "test_sizes",
 )
-"""Names of files, the longest first: 2 s or more of CPU time, then some that wait for as long."""
+"""Names of files, the longest first: 2.6 s or more of CPU time."""
 
 
 @pytest.hookimpl(trylast=True)
