@@ -45,7 +45,7 @@ from holdfast.training.fitting import with_features
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 
 FOLDS = 5
-QUICK_PEOPLE, QUICK_RECORDINGS = 2, 4
+QUICK_PEOPLE, QUICK_RECORDINGS = 2, 8
 """People, and recordings of each, where only the way is tried."""
 
 
