@@ -5,14 +5,16 @@ PYTHON ?= python3
 UV     := .tools/bin/uv
 BIN    := .venv/bin
 # Compiled once, on all cores: the processes of the tests start together, and each would compile them for itself.
-LARGE  := hypothesis numpy onnx pandas scipy skl2onnx sklearn
+LARGE  := dask google hypothesis matplotlib narwhals numpy onnx openpyxl pandas rich ruamel scipy skl2onnx sklearn
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
+CORES  := $(shell nproc 2>/dev/null || echo 2)
 # Tests run in a process a core and one more (some wait for real time), a file at a time, the longest first.
-ACROSS := -n $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile --no-loadscope-reorder
+PROCESSES ?= $(shell expr $(CORES) + 1)
+ACROSS := -n $(PROCESSES) --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
 test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
 browser docs-site: export ZIG_GLOBAL_CACHE_DIR := $(CURDIR)/build/zig
@@ -127,7 +129,7 @@ dist: setup .venv-dist/.stamp  ## the wheel and the source archive, checked, int
 	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
 	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
-	@$(BIN)/python -m compileall -q -j 0 -x /tests/ $(addprefix .venv/lib/python3*/site-packages/,$(LARGE))
+	@$(BIN)/python -m compileall -q -j 0 -x /tests/ $(addprefix .venv/lib/python3*/site-packages/,$(LARGE)) holdfast studies benchmarks
 	@touch $@
 
 # A part of what .stamp installs: `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.

@@ -22,7 +22,7 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import UsageError
 from holdfast.data.datasets import load
-from holdfast.data.fixture import write_fixture
+from holdfast.data.fixture import FIXTURE_OBJECTS, write_fixture
 from holdfast.data.recording import Recording
 from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
@@ -132,7 +132,8 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def made_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made-up")
-    write_fixture(folder / "set", trials_per_cell=1, seed=4)
+    few = FIXTURE_OBJECTS[:2]
+    write_fixture(folder / "set", trials_per_cell=1, seed=4, objects=few)
     return folder / "set"
 
 

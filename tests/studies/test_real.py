@@ -6,7 +6,7 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from holdfast.training.fitting import versions
 from holdfast.training.judging import held_out_figures
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from studies.folds import leaky_folds
+from studies.real import methods
 from studies.real.clock import clock_features
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.methods import CLOCK_PLAN, Method, cross_validated
@@ -48,8 +49,27 @@ Small = tuple[DataSet, dict[str, FloatRows], HeldOut]
 
 
 @pytest.fixture(scope="module")
-def six(real_set: Callable[[str], Path]) -> DataSet:
-    return load(real_set("human_slip_uskin"))
+def few_people(
+    real_set: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Path]:
+    """The set as if it had its first three people alone; by its name it is found there."""
+    whole = real_set("human_slip_uskin").resolve()
+    folder = tmp_path_factory.mktemp("data") / whole.name
+    folder.mkdir()
+    (folder / "signals.npz").symlink_to(whole / "signals.npz")
+    head, *rows = (whole / "trials.csv").read_text("utf-8").splitlines()
+    theirs = [row for row in rows if row[:2] in ("1,", "2,", "3,")]
+    (folder / "trials.csv").write_text("\n".join([head, *theirs]), "utf-8")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("HOLDFAST_DATA", str(folder.parent))
+        yield folder
+    methods._data.cache_clear()
+    methods._features.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def six(few_people: Path) -> DataSet:
+    return load(few_people)
 
 
 @pytest.fixture(scope="module")
@@ -60,14 +80,11 @@ def whole(six: DataSet) -> DataSet:
 
 @pytest.fixture(scope="module")
 def small(six: DataSet) -> Small:
-    data = six.of_groups(set(six.groups()[:3]))
-    spec = spec_for(data, PLAN.groups)
-    features = features_of(data, spec)
+    features = features_of(six, spec_for(six, PLAN.groups))
     folds = [
-        answer_fold(data, features, PLAN, split, 0)
-        for split in splits_of(data, PLAN, 0)
+        answer_fold(six, features, PLAN, split, 0) for split in splits_of(six, PLAN, 0)
     ]
-    return data, features, HeldOut.of(data, folds)
+    return six, features, HeldOut.of(six, folds)
 
 
 def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
@@ -89,17 +106,17 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
 def test_methods_side_by_side_answer_as_each_would_alone() -> None:
     tiny = ForestPlan(n_estimators=2, max_depth=2)
     timed = replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=3)
-    methods = {
+    both = {
         "three": Method(timed, channels=48),
         "two": Method(replace(timed, folds=2), channels=48),
     }
     said: list[str] = []
-    rows = cross_validated(methods, 0, Workers(), said.append)
+    rows = cross_validated(both, 0, Workers(), said.append)
     assert said == [
         *(f"three, fold {fold} of 3" for fold in (1, 2, 3)),
         *(f"two, fold {fold} of 2" for fold in (1, 2)),
     ]
-    for name, method in methods.items():
+    for name, method in both.items():
         alone = cross_validate(method.data(), method.features(), method.plan)
         for task, votes in alone.votes.items():
             np.testing.assert_array_equal(rows[name].held_out.votes[task], votes)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_once import made_once
 
 from holdfast.cli.command import Parser
 from holdfast.cli.people import add_record_arguments
@@ -245,12 +246,14 @@ def card(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two people, four trials each, of a scene. Read only."""
-    out = tmp_path_factory.mktemp("recorded") / "trials"
-    for number, (thing, action) in enumerate(OF_TRIAL):
-        words = f"--object {thing} --action {action} --trials 1".split()
-        source = f"sim://{card}?trial={number}"
-        recorded(out, *words, source=source, person=f"p0{1 + number // 4}")
-    return out
+
+    def record(folder: Path) -> None:
+        for number, (thing, action) in enumerate(OF_TRIAL):
+            words = f"--object {thing} --action {action} --trials 1".split()
+            source, person = f"sim://{card}?trial={number}", f"p0{1 + number // 4}"
+            recorded(folder / "trials", *words, source=source, person=person)
+
+    return made_once(tmp_path_factory, "recorded", record) / "trials"
 
 
 class Killed(subprocess.Popen[str]):
