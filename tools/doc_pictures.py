@@ -22,7 +22,7 @@ from tools.doc_tables import EVALUATED
 from tools.harness import for_any_page
 
 MODEL = Path("models/holdfast-150hz.onnx")
-FRONT = "docs/measured/loop-front-2026-11-28.json"
+FRONT = "docs/measured/loop-front-2026-11-29.json"
 COST = "docs/measured/cost.json"
 LATENCY = "docs/measured/latency-150hz.json"
 SLOWER = Path("docs/measured/latency-50hz.json")

@@ -87,7 +87,7 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/shared-control-figures.md": {
         "loop": "docs/measured/loop-2026-11-29.json",
-        "front": "docs/measured/loop-front-2026-11-28.json",
+        "front": "docs/measured/loop-front-2026-11-29.json",
     },
     "docs/thesis.md": {"preliminary": "docs/measured/preliminary.json"},
     "docs/what-accuracy-costs.md": {
