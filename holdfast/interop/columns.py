@@ -23,9 +23,9 @@ TIME_WORDS = {
 }  # fmt: skip
 TIME_UNITS = {
     "s": "s|secs?|seconds?",
-    "ms": "ms|msec|millis|milliseconds?",
-    "us": "[uµμ]s|usec|micros|microseconds?",
-    "ns": "ns|nsec|nanos|nanoseconds?",
+    "ms": "ms|msecs?|millis|milliseconds?",
+    "us": "[uµμ]s|usecs?|micros|microseconds?",
+    "ns": "nsecs?|ns|nanos?|nanosecs?|nanoseconds?",
 }
 JUMP = 2.0**16
 """Of a reading of 16 bits that goes over its end."""
@@ -34,7 +34,8 @@ FEWEST_STAMPS = 20
 """A column with fewer values is no clock."""
 FASTEST_UNNAMED_HZ = 2000.0
 """Where no name says the unit: 4 rows a second in s are 4000 in ms."""
-CLOCK_NS = 10**10
+SECOND_NS = NS_OF["s"]
+CLOCK_NS = 10 * SECOND_NS
 """Dates and times of day are whole numbers of ns, and larger."""
 ALIKE, ALIKE_NAMED = 0.9, 0.6
 """So large a share of a clock's steps are alike."""
@@ -124,6 +125,9 @@ def _clock(
     unit_named = unit_of_time(name)
     is_named = bool(unit_named or words_of(name) & TIME_WORDS)
     is_known = is_named or is_date or name.startswith("column")
+    falls = np.count_nonzero(np.diff(column) < 0) > 1
+    if falls and is_part_of_second(column, NS_OF.get(unit_named or "", 0)):
+        return None
     if FACTOR.search(name) or not is_known:
         return None
     column = column[:JUDGED_ROWS]
@@ -154,6 +158,9 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
     """
     first = np.zeros(2) if is_text(column) else column[:JUDGED_ROWS].astype(np.float64)
     values = first[np.isfinite(first)]
+    if len(values) and values[-1] < values[0] and np.median(np.diff(values)) < 0:
+        # the newest row may stand first
+        values = values[::-1]
     steps = np.diff(values)
     if len(values) < 0.9 * len(first) or not steps.any() or np.mean(steps < 0) > 0.05:
         return 0.0, 0.0, False
@@ -169,6 +176,12 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
 def unit_of_time(name: str) -> str | None:
     """The unit that a name of time has."""
     return _unit_in(words_of(name), TIME_UNITS)
+
+
+def is_part_of_second(column: Column, unit_ns: int) -> bool:
+    """Whether whole numbers in a unit of time stay below a second."""
+    is_within = (column >= 0) & (column * unit_ns < SECOND_NS)
+    return 0 < unit_ns < SECOND_NS and bool(is_within.all())
 
 
 def usual_step(values: FloatArray) -> float:

@@ -24,7 +24,6 @@ from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import words_of
 from holdfast.interop.evidence import Evidence, best
 from holdfast.interop.labels import (
-    ROW,
     FoundLabels,
     action_of_sentence,
     labels_of,
@@ -206,19 +205,12 @@ class Form:
         if found is None:
             return None
         rules = found.rules
-        where = f"column {rules.column}" if rules.column else rules.file
-        times = ""
+        where = f"column {rules.column}"
         if rules.file:
-            parts = listed(
-                [*filter(None, [rules.start, rules.end, rules.label, rules.trial])]
-            )
-            fits = (
-                ", checked: the last event lies within a log"
-                if rules.unit != ROW
-                else ""
-            )
-            times = f": {parts}, in {rules.unit}{fits}"
-        self.found.add("labels", f"{where}{times}; {found.text}")
+            named = filter(None, [rules.start, rules.end, rules.label, rules.trial])
+            times = f"in {rules.unit}, checked: the last event lies within a log"
+            where = f"{rules.file}: {listed([*named])}, {times}"
+        self.found.add("labels", f"{where}; {found.text}")
         if found.unknown:
             words = listed([repr(one) for one in found.unknown], most=8)
             answer = ",".join(f"{one}=slip" for one in found.unknown[:1])
@@ -272,7 +264,10 @@ class Form:
             if found and (found.rules.trial or is_paired):
                 spans_s = [one.span_s for one in self.samples]
                 rules = timed(found.rules, columns, spans_s)
-                labels.append(replace(found, rules=rules))
+                if rules is None:
+                    what = f"{found.rules.start} of {file} lies in no log in {found.rules.unit}"
+                    self.found.ask("--map", f"{what}: write unit and zero of [events]")
+                labels.append(replace(found, rules=rules or found.rules))
             elif title or not file.endswith(SCALARS):
                 # facts are columns of their log
                 self.found.add("not used", f"{file} (columns {listed([*columns])})")

@@ -9,7 +9,6 @@ something begins holds until the next one. Whatever marks it, the events of a tr
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -29,7 +28,6 @@ from holdfast.interop.streams import Column, Columns, is_text, text_cells
 from holdfast.interop.tables import pd
 
 ROW = "row"
-ROW_WORDS = {"row", "rows", "index", "sample"}
 LABEL_WORDS = {
     "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
     "annotation", "class", "slip", "slipping", "status", "trigger", "what", "was", "type",
@@ -57,8 +55,6 @@ END_WORDS = {
     "t1",
     "last",
 } | LENGTH_WORDS
-TRACK = ({"start"}, {"end"}, {"label"})
-"""What the columns of a track of labels are, which has no heading."""
 HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
 OUTCOMES = {
     "grasp": HELD,
@@ -87,6 +83,8 @@ MOST_CODE = 1000
 """Numbers that mark a situation are smaller; those of a clock are not."""
 ACTION_OF_SITUATION = {"grasp": "hold", "risky_slip": "slip", "safe_slip": "pass"}
 MOST_LABELS = 40
+LATE = 1.1
+"""An event lies within a log as long as this, of its length."""
 EVENT = {"start": np.nan, "end": np.nan, "label": "", "trial": ""}
 """The columns of a table of events, and what stands in a column that a table has not."""
 NO_EVENTS = pd.DataFrame(columns=[*EVENT], dtype=object)
@@ -172,45 +170,40 @@ def labels_of(
     kinds = [*dict.fromkeys(cells)]
     if len(kinds) > MOST_LABELS:
         return None
-    labels = _by_words(kinds, known)
-    # a label in a row or two lasts on; the value of most rows says that nothing begins there
-    every = np.array(cells, dtype=object)
-    usual = _usual(every)
-    marked = every != usual
-    hold = not labels.get(usual) and bool(0 < marked.sum() <= 2 * _begins(marked).sum())
     off = [kind for kind in kinds if kind.lower() in OFF]
+    labels = _by_words(kinds, known)
     about = situation_of_word(name) if "slip" in name.lower() else None
     if about and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
-        mark = next((kind for kind in kinds if kind not in off), "1")
-        no = "".join(off) or "0"
-        on, no = (no, mark) if about == "grasp" else (mark, no)
-        labels = {no: "", on: "risky_slip"}
-    # what says no says that nothing happens
-    labels = {kind: "" for kind in off if kind} | labels
-    if hold and not labels.get(usual):
-        labels.pop(usual, None)
-        kinds.remove(usual)
-    unknown = [kind for kind in kinds if kind not in ("", *labels)]
+        on = [kind for kind in kinds if kind not in off] or ["1"]
+        no = [*filter(None, off)] or ["0"]
+        if about == "grasp":
+            on, no = no, on
+        labels = dict.fromkeys(no, "") | dict.fromkeys(on, "risky_slip")
+    # a label in a row or two lasts on
+    marked = ~is_off(cells)
+    begins = marked & ~np.append(False, marked[:-1])
+    hold = bool(0 < marked.sum() <= 2 * begins.sum())
+    if hold:
+        labels = {kind: meaning for kind, meaning in labels.items() if kind not in off}
+    else:
+        labels = dict.fromkeys(filter(None, off), "") | labels
+    unknown = [kind for kind in kinds if kind not in labels and kind not in off]
     if not any(labels.values()) and not (unknown and words_of(name) & LABEL_WORDS):
         return None
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
     return FoundLabels(rules, unknown)
 
 
+def is_off(cells: Sequence[str] | np.ndarray) -> np.ndarray:
+    """[T] where a cell says that nothing is marked there."""
+    off: np.ndarray = pd.Series(cells).str.lower().isin(OFF).to_numpy()
+    return off
+
+
 def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
     """Label -> situation, "" for none, as given or by its words; none where they say nothing."""
     meanings = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
     return {kind: meaning for kind, meaning in meanings.items() if meaning is not None}
-
-
-def _usual(cells: np.ndarray) -> str:
-    """The value of most rows."""
-    return str(Counter(cells.tolist()).most_common(1)[0][0])
-
-
-def _begins(on: np.ndarray) -> np.ndarray:
-    """[T] the first rows of runs in which something is on."""
-    return on & ~np.append(False, on[:-1])
 
 
 # -- what a table of events means
@@ -223,27 +216,20 @@ def rules_of_table(
 
     A row is an event: when it starts, when it ends or how long it lasts, what it is, and which
     trial it is of. A table without labels is of one kind, by the name of the column or the file.
-    keys: what logs are called, in small letters. Unit and zero come later.
+    keys: what logs are called, in small letters. The zero of its times comes later.
     """
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
-    words = {}
-    for name in columns:
-        # t0 and t1 are words as well
-        words[name] = words_of(name) | {*re.split(r"[\W_]", name.lower())}
-    if "column1" in columns:
-        words |= zip([*numbers[:2], *texts], TRACK, strict=False)
-    start = _named(numbers, words, START_WORDS | ROW_WORDS)
+    start = _named(numbers, START_WORDS)
     if not start:
         return None
-    end = _named([name for name in numbers if name != start], words, END_WORDS)
-    about = situation_of_word(start) or ""
-    label = "" if about else _named(texts, words, LABEL_WORDS)
+    numbers.remove(start)
+    end = _named(numbers, END_WORDS)
+    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
+    label = "" if situation_of_word(start) else _named(texts, LABEL_WORDS)
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
-    labels = _by_words(kinds, known)
-    if not label:
-        labels = {"": about or situation_of_word(Path(file).stem) or ""}
+    labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
     # words that say nothing are labels where an end stands beside them
     is_known = any(labels.values()) or (unknown and end)
@@ -255,6 +241,7 @@ def rules_of_table(
         start=start,
         end=end,
         label=label,
+        unit=unit_of_time(start) or "s",  # type: ignore[arg-type]
         hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
@@ -269,34 +256,30 @@ def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     return is_text(columns[name]) and len(found) > 1
 
 
-def _named(
-    names: Sequence[str], words: Mapping[str, set[str]], wanted: set[str]
-) -> str:
-    """The first name that has one of the words; "" for none."""
-    return next((name for name in names if words[name] & wanted), "")
+def _named(names: Sequence[str], wanted: set[str]) -> str:
+    """The first name that has one of the words, such as t0; "" for none."""
+    for name in names:
+        words = words_of(name) | {*re.split(r"[\W_]", name.lower())}
+        if words & wanted:
+            return name
+    return ""
 
 
 def timed(
     rules: EventRules, columns: Columns, spans_s: Sequence[tuple[float, float]]
-) -> EventRules:
-    """The rules of a table with the unit of its times, and whether they count from a log's begin.
+) -> EventRules | None:
+    """The rules of a table that count its times from a log's begin, or by its clock.
 
-    spans_s: of the logs. The first unit counts with which the last event lies within one.
+    spans_s: of the logs. None where the last event lies in no log either way.
     """
-    if words_of(rules.start) & ROW_WORDS:
-        return changed(rules, unit=ROW)
     latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
-    lasts_s = max(last_s - first_s for first_s, last_s in spans_s)
-    begins_s, ends_s = min(spans_s)[0], max(spans_s)[1]
-    named = unit_of_time(rules.start)
-    for unit in (named,) if named else NS_OF:
-        latest_s = latest * NS_OF[unit] * 1e-9
-        if 0.02 * lasts_s < latest_s <= 1.1 * lasts_s:
-            return changed(rules, unit=unit)
-        if begins_s < latest_s <= ends_s + 0.1 * lasts_s:
-            return changed(rules, unit=unit, zero="clock")
-
-    return changed(rules, unit=named or "s")
+    latest_s = latest * NS_OF[rules.unit] * 1e-9
+    begins_s, ends_s = np.transpose(spans_s)
+    lasts_s = max(ends_s - begins_s)
+    if latest_s <= LATE * lasts_s:
+        return rules
+    is_within = min(begins_s) < latest_s <= max(ends_s) + (LATE - 1.0) * lasts_s
+    return changed(rules, zero="clock") if is_within else None
 
 
 # -- the events of a trial
@@ -372,11 +355,7 @@ def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:
 
 def marks_of(cells: np.ndarray, rules: EventRules) -> np.ndarray:
     """A column of labels [T]; one that stands only where something begins lasts to the next."""
-    if not rules.hold:
-        return cells
-    usual = _usual(cells)
-    is_off = (cells == usual) & (usual not in rules.labels)
-    return held(np.where(is_off, "", cells))
+    return held(np.where(is_off(cells), "", cells)) if rules.hold else cells
 
 
 def held(cells: np.ndarray) -> np.ndarray:

@@ -16,13 +16,7 @@ import numpy as np
 
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.joining import (
-    made_wide,
-    oldest_first,
-    united,
-    whole_stamps,
-    without_repeats,
-)
+from holdfast.interop.joining import united, whole_stamps, without_repeats
 from holdfast.interop.streams import ForeignLog, Stream, counted, first_stream
 from holdfast.interop.tables import begin_of
 
@@ -159,8 +153,7 @@ def read_log(place: LogPlace) -> ForeignLog:
 
     streams = []
     for stream in filter(lambda one: one.rows, log.streams):
-        stream = oldest_first(whole_stamps(stream))
-        streams.append(without_repeats(made_wide(stream)))
+        streams.append(without_repeats(whole_stamps(stream)))
     if not streams:
         raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}

@@ -19,17 +19,12 @@ from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray, valid_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
 from holdfast.core.progress import Part, ignored
 from holdfast.core.trial_file import Trial, implausible_rate, says_no
-from holdfast.core.trial_layout import (
-    LABELLED_ACTIONS,
-    SITUATION_OF_ACTION,
-    UNSCRIPTED,
-    truth_path,
-)
+from holdfast.core.trial_layout import LABELLED_ACTIONS, SITUATION_OF_ACTION, truth_path
 from holdfast.core.writing import write_whole
 from holdfast.data.datasets.thesis import prepared
 from holdfast.data.datasets.trials import EMPTY_HAND
 from holdfast.data.lifts import LIFT, lift_phases
-from holdfast.data.timeline import ACTION_S, contact
+from holdfast.data.timeline import contact
 from holdfast.interop.columns import (
     JUDGED_ROWS,
     JUMP,
@@ -72,14 +67,12 @@ MOST_ZEROS = 0.3
 """Of a press: a sensor that reads 0 for longer touches nothing."""
 LONGEST_SAME = 20
 """Rows in which a sensor may read the same, to the last digit of three axes."""
-SELDOM = 0.05
-"""Of the rows of a sensor that changes from row to row, elsewhere."""
+SELDOM, EVENLY = 0.05, 0.9
+"""Of the rows of a sensor that changes from row to row; of the steps of one that is slower."""
 MORE_REPEATS = 0.2
 """Of the rows: by so much more than another a sensor repeats its reading that is slower."""
 LARGEST = 1e10
 """What is as large is no reading: a count has 32 bits."""
-TIMED = ("pull", "fall", "pass", "put-down")
-"""Actions whose times a log gives, else the thesis' script."""
 ACTION_OF_LABELS = (
     ({"safe_slip", "risky_slip"}, "daily"),
     ({"risky_slip"}, "slip"),
@@ -168,6 +161,11 @@ class TrialImport:
         """What was left out of a log, or changed."""
         self.notes += [f"{log.name}: {text}" for text in texts]
 
+    def _left_out(self, log: ForeignLog, count: int, what: str, why: str) -> None:
+        """How many rows or lines of a log were left out, where some were."""
+        if count:
+            self._note(log, f"{count_of(count, what)} {why} left out")
+
     # -- rows of a log, and where a trial ends
 
     def _rows(self, log: ForeignLog, plan: ImportMap) -> pd.DataFrame:
@@ -192,46 +190,41 @@ class TrialImport:
                 rows[name] = np.where(lost, np.nan, rows[name])
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
-        timed = rows.dropna(subset=[*filter(None, [plan.time.column])])
-        n_lost = len(rows) - len(timed)
-        if n_lost:
-            self._note(log, f"{count_of(n_lost, 'row')} without a time left out")
-        timed = self._of_readings(log, timed, plan)
-        stamps = plan.stamps_ns(timed, len(timed), log.path)
-        timed = timed.set_axis(unwrapped(stamps, plan.time.unit_ns))
-        first = values_of(log, timed[:JUDGED_ROWS], plan)
-        rows_a_value = [
-            *map(stays_for, first.reshape(len(first), -1, 3).swapaxes(0, 1))
-        ]
-        n_rows = min(rows_a_value)
-        if n_rows > 1:
+        if plan.time.column:
+            n_rows = len(rows)
+            rows = rows.dropna(subset=[plan.time.column])
+            self._left_out(log, n_rows - len(rows), "row", "without a time")
+            n_rows = len(rows)
+            rows = rows.dropna(how="all", subset=list(plan.channels))
+            self._left_out(log, n_rows - len(rows), "row", "of no sensor")
+        if not len(rows):
+            raise EmptyRecording("no row of data", where=log.path)
+        stamps = plan.stamps_ns(rows, len(rows), log.path)
+        rows = rows.set_axis(unwrapped(stamps, plan.time.unit_ns))
+        if np.median(np.diff(stamps)) < 0:
+            self._note(log, "the newest row stood first: the rows were turned round")
+            rows = rows[::-1]
+        rows = self._without_repeats(log, rows, plan)
+        self.rows += len(rows)
+        return rows
+
+    def _without_repeats(
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
+    ) -> pd.DataFrame:
+        """Of values that stay for several rows one; a sensor that is slower or dead is named."""
+        same = repeats(values_of(log, rows[:JUDGED_ROWS], plan))
+        changes = np.flatnonzero(~same.all(axis=1))
+        steps = np.diff(changes)
+        n_rows = int(np.median(steps)) if len(steps) > FEWEST_ROWS else 1
+        if n_rows > 1 and np.mean(steps % n_rows == 0) > EVENLY:
             self._note(log, f"each value stands in {n_rows} rows: one of them is kept")
-            changes = (np.diff(first, axis=0) != 0).any(axis=1)
-            timed = timed[int(changes.argmax() + 1) % n_rows :: n_rows]
-        same = (np.diff(first.reshape(len(first), -1, 3), axis=0) == 0).all(axis=2)
+            return rows[int(changes[1]) % n_rows :: n_rows]
         shares = same.mean(axis=0)
         for number, share in enumerate(shares.tolist(), 1):
             if share > shares.min() + MORE_REPEATS:
-                text = (
-                    f"repeats its reading in {share:.0%} of the rows: slower, or dead"
-                )
-                self._note(log, f"sensor {number} {text}")
-        self.rows += len(timed)
-        return timed
-
-    def _of_readings(
-        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
-    ) -> pd.DataFrame:
-        """Without the rows of another topic, in which no sensor has a reading."""
-        has_any = np.zeros(len(rows), dtype=np.bool_)
-        for channel in plan.channels:
-            # one by one: a long log is large
-            has_any |= rows[channel].notna().to_numpy()
-        n_others = len(rows) - int(has_any.sum())
-        if not plan.time.column or n_others in (0, len(rows)):
-            return rows
-        self._note(log, f"{count_of(n_others, 'row')} of no sensor left out")
-        return rows[has_any]
+                text = f"sensor {number} repeats its reading in {share:.0%} of the rows"
+                self._note(log, f"{text}: slower, or dead")
+        return rows
 
     def _cuts(
         self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
@@ -247,23 +240,20 @@ class TrialImport:
         column = plan.trials.column
         longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
         if column:
-            cells = rows[column].where(rows[column] != "")
-            if cells.isna().any():
-                # a lost cell within a trial ends none
-                before, behind = cells.ffill(limit=FEWEST_ROWS), cells.bfill()
-                rows[column] = before.where(before == behind, cells).fillna("")
+            # a lost cell within a trial ends none
+            cells = rows[column].where(rows[column] != "").ffill(limit=FEWEST_ROWS)
+            rows[column] = cells.fillna("")
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
             _, touched = touch(values_of(log, rows, plan))
-            within = touched[1:] & touched[:-1] & ~ends
-            # a step within a touch is no pause, nor is one of its length
-            ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
+            # where the hand holds something, samples were lost
+            ends |= (steps > longest_s) & ~(touched[1:] & touched[:-1])
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(rows)]):
             part = rows.iloc[first:stop]
             if column and not part[column].iloc[0]:
                 continue
             if len(part) < FEWEST_ROWS:
-                self._note(log, f"{len(part)} rows between trials left out")
+                self._left_out(log, len(part), "row", "between trials")
                 continue
             part = part.sort_index(kind="stable")
             yield part.set_axis(evened(part.index.to_numpy(), step))
@@ -280,46 +270,9 @@ class TrialImport:
         labels = labels[-len(trial.t_s) :]
         recording = prepared(trial, plan.unit_of_values, "")
         first, stop = contact(trial.t_s, recording.samples)
+        action = self._action(log, plan, names["action"], labels, slice(first, stop))
         is_timed = len({*labels}) > 1
-        rules = plan.events if labels[0] is not None else None
-        if plan.events and not rules:
-            self._note(log, "no event is of it")
-        if rules and rules.rest:
-            closed = labels[first:stop]
-            closed[closed == ""] = rules.rest
-            # a mark without an end lasts to that of the contact
-            labels[stop:] = "" if rules.hold else labels[stop:]
-        kinds = {*labels} - {"", None}
-        fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
-        action = names["action"] or next(fits, "")
-        # what is the same in every row says what the trial is, and not when
-        kinds = kinds if is_timed else set()
-        at_s = plan.facts.action_at_s or ACTION_S
-        is_scripted = trial.t_s[first] < at_s < trial.t_s[stop - 1]
-        is_untimed = action in TIMED and not is_scripted
-        is_untimed |= action in UNSCRIPTED and action not in LABELLED_ACTIONS
-        situation = SITUATION_OF_ACTION.get(action, "")
-        if action in TIMED and is_scripted and not kinds:
-            check = "checked: that lies within the contact"
-            self._note(log, f"{action}: by the script at {at_s:g} s, {check}")
-        if is_untimed and not kinds and situation:
-            taken = {"risky_slip": "slip", "grasp": "hold"}.get(situation, "")
-            text = f"taken as {taken}" if taken else "only the empty hand is labelled"
-            self._note(log, f"{action}: its times are not known: {text}")
-            action = taken or action
-            if not taken:
-                kinds = {"nothing"}
-                labels[:] = "nothing"
-                labels[first:stop] = ""
-
-        if not action or (action in UNSCRIPTED[-1:] and not kinds):
-            raise LabelError(
-                f"nothing says what happens in {log.name}",
-                where=log.path,
-                next_step="--action slip, or another action; or its events",
-            )
-
-        if action == LIFT and not kinds:
+        if action == LIFT and not is_timed:
             # raises where the forces do not tell when the hand holds something
             values, valid = recording.samples, recording.valid
             lift_phases(values, valid, trial.rate_hz, recording.unit, log.path)
@@ -330,10 +283,55 @@ class TrialImport:
         name = f"trial_{self.trials.count(parts)}.csv"
         place = "/".join(filter(None, [*parts, name]))
         write_csv(self.folder / place, trial, plan.unmeasured_names)
-        if kinds and not is_empty:
+        if is_timed and not is_empty:
             write_whole(truth_path(self.folder / place), truth_of(trial, labels))
         self.written[place] = log.name
         return n_used
+
+    def _action(
+        self,
+        log: ForeignLog,
+        plan: ImportMap,
+        action: str,
+        labels: np.ndarray,
+        closed: slice,
+    ) -> str:
+        """The action of a trial, by its name or else its labels.
+
+        labels [T] are filled up: where the hand is closed and nothing is said, it holds. closed:
+        from the first touch to the last. Raises LabelError.
+        """
+        is_timed = len({*labels}) > 1
+        if plan.events and labels[0] is None:
+            self._note(log, "no event is of it")
+        elif plan.events and plan.events.rest:
+            held = labels[closed]
+            held[held == ""] = plan.events.rest
+            if plan.events.hold:
+                # a mark without an end lasts to that of the contact
+                labels[closed.stop :] = ""
+        kinds = {*labels} - {"", None}
+        fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
+        action = action or next(fits, "")
+        situation = SITUATION_OF_ACTION.get(action, "")
+        if not (situation or (action and is_timed)):
+            raise LabelError(
+                f"nothing says what happens in {log.name}",
+                where=log.path,
+                next_step="--action slip, or another action; or its events",
+            )
+        is_known = action in (*LABELLED_ACTIONS, EMPTY_HAND) or plan.facts.action_at_s
+        if is_timed or is_known:
+            return action
+        unknown = f"{action}: its times are not known"
+        if situation == "safe_slip":
+            self._note(log, f"{unknown}: only the empty hand is labelled")
+            labels[:] = "nothing"
+            labels[closed] = ""
+            return action
+        taken = "slip" if situation == "risky_slip" else "hold"
+        self._note(log, f"{unknown}: taken as {taken}")
+        return taken
 
     def _trial(self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> Trial:
         """The readings of a trial, from when every sensor that ever sends has sent.
@@ -362,8 +360,7 @@ class TrialImport:
         self.missing.update(dict(lost))
         first = int(is_lost.argmin(axis=0).max())
         if 0 < first < len(rows) // 2:
-            left_out = f"{count_of(first, 'row')} before all sensors sent left out"
-            self._note(log, left_out)
+            self._left_out(log, first, "row", "before all sensors sent")
             rows, values = rows[first:], values[first:]
         t_s = 1e-9 * (rows.index - rows.index[0]).to_numpy()
         steps = np.diff(t_s)
@@ -386,12 +383,11 @@ def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArra
     return without_codes(values)
 
 
-def stays_for(values: FloatArray) -> int:
-    """In how many rows each value of a sensor [T, 3] stands; 1 for a new one in each."""
-    changes = np.flatnonzero((np.diff(values, axis=0) != 0).any(axis=1))
-    gaps = np.diff(changes)
-    n_rows = int(np.median(gaps)) if len(gaps) > FEWEST_ROWS else 1
-    return n_rows if n_rows > 1 and np.mean(gaps % n_rows == 0) > 0.9 else 1
+def repeats(values: FloatArray) -> BoolArray:
+    """[T, S] whether a sensor reads the same as in the row before, on all axes; values [T, C]."""
+    steps = np.diff(values, axis=0, prepend=np.nan)
+    same: BoolArray = (steps == 0).reshape(len(values), -1, 3).all(axis=2)
+    return same
 
 
 def lose_repeats(values: FloatArray) -> list[int]:
@@ -401,15 +397,14 @@ def lose_repeats(values: FloatArray) -> list[int]:
     steps.
     """
     n_lost = []
-    rows = np.arange(len(values))
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
-        same = np.append(False, (np.diff(sensor, axis=0) == 0).all(axis=1))
-        begins = np.maximum.accumulate(np.where(same, 0, rows))
-        hung = same & (np.bincount(begins)[begins] > LONGEST_SAME)
+        same = repeats(sensor)[:, 0]
+        runs = np.cumsum(~same)
+        hung = same & (np.bincount(runs)[runs] > LONGEST_SAME)
         hung &= (sensor != sensor[0]).any(axis=1)
-        hung &= np.sum(same & ~hung) < SELDOM * len(rows)
-        sensor[hung] = np.nan
-        n_lost.append(int(hung.sum()))
+        if np.mean(same & ~hung) < SELDOM:
+            sensor[hung] = np.nan
+        n_lost.append(int(np.isnan(sensor[hung]).all(axis=1).sum()))
     return n_lost
 
 
@@ -546,21 +541,18 @@ def labels_of_rows(
     events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
     labels = np.full(len(rows), None, dtype=object)
-    rules, n_used = plan.events, 0
-    of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
-    is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
-    if rules and rules.column in rows:
-        labels = marks_of(rows[rules.column].to_numpy(object), rules)
-    elif not rules or not is_ours.any():
-        # nothing says what happens when
-        return labels, 0
-    else:
-        clock = clock_of(rules, rows.index.to_numpy())
+    n_used = 0
+    if plan.events and plan.events.column in rows:
+        labels = marks_of(rows[plan.events.column].to_numpy(object), plan.events)
+    elif plan.events:
+        of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
+        is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
+        labels[:] = "" if is_ours.any() else None
+        clock = clock_of(plan.events, rows.index.to_numpy())
         for event in events[is_ours].dropna(subset="start").itertuples():
             first, stop = np.searchsorted(clock, [event.start, event.end])
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label
-
     meanings = {label: plan.situation(label) for label in {*labels} - {None}}
     for label, situation in meanings.items():
         if situation is None:
@@ -569,4 +561,4 @@ def labels_of_rows(
                 where=log.path,
                 next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-    return np.array([meanings.get(one, "") for one in labels], dtype=object), n_used
+    return np.array([meanings.get(one) for one in labels], dtype=object), n_used
