@@ -21,7 +21,6 @@ from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF, valid_names
 from holdfast.core.errors import listed
 from holdfast.core.hand_card import too_many
 from holdfast.data.datasets.trials import action_of
-from holdfast.interop.columns import words_of
 from holdfast.interop.evidence import Evidence, best
 from holdfast.interop.labels import (
     FoundLabels,
@@ -37,14 +36,8 @@ from holdfast.interop.sensors import moved_most, oriented
 from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
+from holdfast.interop.words import NAMED, says
 
-NAMED = {
-    "person": {"person", "subject", "participant", "user"},
-    "object": {"object", "item", "obj"},
-    "action": {"action", "condition", "task", "outcome", "result"},
-    "column": {"trial", "run", "episode", "rep", "repetition", "recording", "sheet"},
-}
-"""Words of columns that hold what a trial is called by, or its number."""
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
@@ -175,8 +168,7 @@ class Form:
         rules: dict[str, str] = {}
         actions: dict[str, str] = {}
         for name, column in self.samples[0].columns.items():
-            words = words_of(name)
-            key = next((key for key, of_key in NAMED.items() if words & of_key), "")
+            key = next((key for key, words in NAMED.items() if says(name, words)), "")
             if not key or key in rules or (key in NAMES and getattr(self.answers, key)):
                 continue
             with_it = [one.columns[name] for one in self.samples if name in one.columns]

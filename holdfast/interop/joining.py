@@ -17,7 +17,6 @@ from holdfast.interop.columns import (
     find_time,
     is_part_of_second,
     rise_of,
-    unit_of_time,
 )
 from holdfast.interop.streams import (
     LOG_TIME,
@@ -28,6 +27,7 @@ from holdfast.interop.streams import (
     is_text,
 )
 from holdfast.interop.tables import pd
+from holdfast.interop.words import unit_of_time
 
 MOST_KEYS = 100
 """Sensors or axes that rows are of."""
@@ -102,7 +102,7 @@ def united(same: list[Stream]) -> Stream:
         sheets = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
         return replace(longest, columns=columns_of(pd.concat(sheets)))
     same.sort(key=lambda one: one.t_ns[0])  # type: ignore[index]
-    t_ns = np.concatenate([one.t_ns for one in same])  # type: ignore[arg-type]
+    t_ns = np.concatenate([one.t_ns for one in same])
     if (np.diff(t_ns) <= 0).any():
         note = f"{longest.name or 'a stream'} is there twice: the longer one is used"
         return replace(longest, notes=(*longest.notes, note))

@@ -21,70 +21,40 @@ from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.data.datasets.trials import action_of
-from holdfast.interop.columns import TIME_WORDS, unit_of_time, words_of
 from holdfast.interop.logs import LogPlace, paired, read_log
 from holdfast.interop.map import EventRules, ImportMap
 from holdfast.interop.streams import Column, Columns, is_text, text_cells
 from holdfast.interop.tables import pd
+from holdfast.interop.words import (
+    END,
+    ENDINGS,
+    FILLERS,
+    LABEL,
+    LENGTH,
+    OFF,
+    OUTCOMES,
+    OVER,
+    SITUATIONS,
+    START,
+    TIME_UNITS,
+    TRIAL,
+    meaning,
+    says,
+    unit_of_time,
+)
 
 ROW = "row"
-LABEL_WORDS = {
-    "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
-    "annotation", "class", "slip", "slipping", "status", "trigger", "what", "was", "type",
-}  # fmt: skip
-TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
-START_WORDS = {
-    "start",
-    "begin",
-    "from",
-    "von",
-    "onset",
-    "t0",
-    "at",
-    "first",
-} | TIME_WORDS
-LENGTH_WORDS = {"duration", "length"}
-END_WORDS = {
-    "end",
-    "stop",
-    "to",
-    "bis",
-    "until",
-    "offset",
-    "finish",
-    "t1",
-    "last",
-} | LENGTH_WORDS
-HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
-OUTCOMES = {
-    "grasp": HELD,
-    "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",
-    "risky_slip": "risky|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
-}
-"""Situation -> its words, which also name a whole trial."""
-SITUATION_WORDS = {
-    **OUTCOMES,
-    "": "unlabel|unknown|none|ignore",
-    "nothing": "nothing|no contact|open|empty|idle|rest|free|no touch",
-    "grasp": f"{HELD}|grasp|hold|grip|contact|lift|carry|touch",
-}
-"""Situation -> words in labels that mean it."""
-FILLERS = START_WORDS | {
-    "is", "has", "the", "a", "object", "hand", "phase", "state", "label", "labels", "event",
-    "class", "flag", "gt", "truth", "data", "gross",
-}  # fmt: skip
-"""Words beside them that change nothing."""
-ENDINGS = "(?:s|es|d|[a-z]?ed|[a-z]?ing)?"
-"""Of a word in another form: slips, slipped, slipping."""
-ENDS = {"end", "stop", "finish", "off", "offset"}
-OFF = {"", "0", "no", "false", "off", "n", "f", ".", "-", "none", "nein", "non"}
-"""What stands where a mark is not."""
 MOST_CODE = 1000
 """Numbers that mark a situation are smaller; those of a clock are not."""
 ACTION_OF_SITUATION = {"grasp": "hold", "risky_slip": "slip", "safe_slip": "pass"}
 MOST_LABELS = 40
 LATE = 1.1
 """An event lies within a log as long as this, of its length."""
+_OUTCOMES, _SITUATIONS = (
+    {key: f"(?:(?:{words}){ENDINGS} ?)+" for key, words in meanings.items()}
+    for meanings in (OUTCOMES, SITUATIONS)
+)
+"""Situation -> pattern of a text whose words all mean it."""
 EVENT = {"start": np.nan, "end": np.nan, "label": "", "trial": ""}
 """The columns of a table of events, and what stands in a column that a table has not."""
 NO_EVENTS = pd.DataFrame(columns=[*EVENT], dtype=object)
@@ -98,25 +68,19 @@ def situation_of_word(label: str) -> str | None:
     """
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", label).lower()
     words = re.findall(r"[a-z]+", parted)
-    if len(words) > 1 and ENDS & {words[0], words[-1]}:
+    ends = [word for word in (*words[:1], *words[-1:]) if re.fullmatch(OVER, word)]
+    if len(words) > 1 and ends:
         return ""
-    kept = [word for word in words if word not in FILLERS and not unit_of_time(word)]
-    return _meaning(" ".join(kept), SITUATION_WORDS)
+    fillers = "|".join([FILLERS, *TIME_UNITS.values()])
+    kept = [word for word in words if not re.fullmatch(fillers, word)]
+    return meaning(" ".join(kept), _SITUATIONS)
 
 
 def action_of_word(word: str) -> str | None:
     """The action that a whole word of a path or a column means; None where it says nothing."""
     plain = re.sub(r"[^a-z]+", " ", word.lower()).strip()
-    situation = _meaning(plain, OUTCOMES)
+    situation = meaning(plain, _OUTCOMES)
     return action_of(word) or ACTION_OF_SITUATION.get(situation or "")
-
-
-def _meaning(words: str, meanings: Mapping[str, str]) -> str | None:
-    """The situation that all of some words mean; None where they do not mean one."""
-    for situation, known in meanings.items():
-        if re.fullmatch(rf"(?:(?:{known}){ENDINGS} ?)+", words):
-            return situation
-    return None
 
 
 def action_of_sentence(text: str) -> str | None:
@@ -154,7 +118,7 @@ def is_mark(name: str, column: Column) -> bool:
     if (cells % 1 != 0).any() or (np.abs(cells) >= MOST_CODE).any():
         return False
     kinds = len(pd.unique(cells))
-    is_named = bool(words_of(name) & LABEL_WORDS)
+    is_named = says(name, LABEL)
     seldom = np.count_nonzero(np.diff(cells)) < 0.1 * len(column)
     return bool(seldom) and (1 < kinds <= 8 or (kinds == 1 and is_named))
 
@@ -170,7 +134,7 @@ def labels_of(
     kinds = [*dict.fromkeys(cells)]
     if len(kinds) > MOST_LABELS:
         return None
-    off = [kind for kind in kinds if kind.lower() in OFF]
+    off = [kind for kind in kinds if re.fullmatch(OFF, kind.lower())]
     labels = _by_words(kinds, known)
     about = situation_of_word(name) if "slip" in name.lower() else None
     if about and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
@@ -188,7 +152,7 @@ def labels_of(
     else:
         labels = dict.fromkeys(filter(None, off), "") | labels
     unknown = [kind for kind in kinds if kind not in labels and kind not in off]
-    if not any(labels.values()) and not (unknown and words_of(name) & LABEL_WORDS):
+    if not any(labels.values()) and not (unknown and says(name, LABEL)):
         return None
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
     return FoundLabels(rules, unknown)
@@ -196,7 +160,7 @@ def labels_of(
 
 def is_off(cells: Sequence[str] | np.ndarray) -> np.ndarray:
     """[T] where a cell says that nothing is marked there."""
-    off: np.ndarray = pd.Series(cells).str.lower().isin(OFF).to_numpy()
+    off: np.ndarray = pd.Series(cells).str.lower().str.fullmatch(OFF).to_numpy()
     return off
 
 
@@ -221,13 +185,13 @@ def rules_of_table(
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
-    start = _named(numbers, START_WORDS)
+    start = _named(numbers, START)
     if not start:
         return None
     numbers.remove(start)
-    end = _named(numbers, END_WORDS)
+    end = _named(numbers, END)
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    label = "" if situation_of_word(start) else _named(texts, LABEL_WORDS)
+    label = "" if situation_of_word(start) else _named(texts, LABEL)
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
     labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
@@ -251,18 +215,14 @@ def rules_of_table(
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     """Whether cells are what logs are called by; numbers are so only by the column's name."""
     found = keys & {*map(str.casefold, text_cells(columns[name]))}
-    if words_of(name) & TRIAL_WORDS:
+    if says(name, TRIAL):
         return bool(found)
     return is_text(columns[name]) and len(found) > 1
 
 
-def _named(names: Sequence[str], wanted: set[str]) -> str:
-    """The first name that has one of the words, such as t0; "" for none."""
-    for name in names:
-        words = words_of(name) | {*re.split(r"[\W_]", name.lower())}
-        if words & wanted:
-            return name
-    return ""
+def _named(names: Sequence[str], wanted: str) -> str:
+    """The first name that has one of some words; "" for none."""
+    return next((name for name in names if says(name, wanted)), "")
 
 
 def timed(
@@ -323,7 +283,7 @@ def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
     for key in ("label", "trial"):
         events[key] = text_cells(events[key].to_numpy())
     times = events[["start", "end"]].apply(pd.to_numeric, errors="coerce")
-    if words_of(rules.end) & LENGTH_WORDS:
+    if says(rules.end, LENGTH):
         times["end"] += times["start"]
     # a point has no end
     times["end"] = times["end"].where(times["end"] != times["start"])

@@ -16,30 +16,18 @@ import numpy as np
 from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
 from holdfast.core.errors import listed
-from holdfast.interop.columns import channels, rise_of, words_of
+from holdfast.interop.columns import channels, rise_of
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.streams import LOG_TIME, Columns, counted, is_text
 from holdfast.interop.tables import pd
+from holdfast.interop.words import FINGERS, NO_SENSOR, says
 
-FINGERS = (
-    "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
-    "little|pinky|lf|five", "six", "seven", "eight", "nine", "ten", "palm",
-)  # fmt: skip
-"""Words of fingers, and of their numbers, in the order of a hand."""
 _FINGER = "|".join(rf"((?<![a-z])(?:finger)?(?:{one})(?![a-z]))" for one in FINGERS)
 _HAND = r"(?<![a-z])(?:(left|lh|l)|(right|rh|r))(?![a-z])"
 FINGER, HAND = (re.compile(rf"(?i){one}") for one in (_FINGER, _HAND))
 THUMB = re.compile("(?i)(?<![a-z])(thumb|th)(?![a-z])")
 PLACE = re.compile(rf"(?i){_FINGER}|{_HAND}|(?:(?<![a-z])finger[-_ ]?)?\d+")
 """What tells sensors of one quantity apart."""
-NO_SENSOR = {
-    "torque", "moment", "translation", "rotation", "quaternion", "orientation", "covariance",
-    "gyro", "pose", "position", "pos", "angular", "velocity", "vel", "acc", "accel",
-    "acceleration", "imu", "joint", "marker", "transform", "action", "state", "displacement",
-    "disp", "deformation", "cop", "angle", "direction", "dir", "resultant", "total", "sum", "net",
-    "mean", "euler", "std",
-}  # fmt: skip
-"""Words of three axes that are no reading of a fingertip."""
 FORCE = re.compile(r"force|(?<![a-z])f[_ ]?\*|f\*$")
 """A kind of column that is a force by its name; * is the axis."""
 READING = re.compile(r"(?<![a-z])[fbh]?[_ ]?\*|force|[fbh]\*")
@@ -74,8 +62,8 @@ def find_sensors(
     marks: Collection[str],
     chosen: str = "",
     fingers: Sequence[str] = (),
-) -> Evidence[list[SensorColumns]] | str:
-    """The sensors of a log in the order in which people count; else what is not clear, "" for all.
+) -> Evidence[list[SensorColumns]]:
+    """The sensors of a log in the order in which people count; none where they must be asked.
 
     By the names of all its columns, else by what those of its longest stream hold. marks: the
     columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
@@ -84,7 +72,7 @@ def find_sensors(
     names = []
     for name, column in columns.items():
         is_free = name != LOG_TIME and name not in marks and not is_text(column)
-        is_free &= not words_of(name) & NO_SENSOR
+        is_free &= not says(name, NO_SENSOR)
         is_chosen = any(fnmatchcase(name, one) for one in chosen.split(","))
         names += [name] if is_chosen or (is_free and not chosen) else []
 
@@ -97,7 +85,7 @@ def find_sensors(
         ]
         return _by_touch(readings, longest)
     if not names or len(names) % 3:
-        return f"--sensors {chosen} are {len(names)} columns, not three a sensor"
+        return unclear(f"--sensors {chosen}, {len(names)} columns, not three a sensor,")
     rows = zip(names[::3], names[1::3], names[2::3], strict=True)
     return Evidence([SensorColumns(*row) for row in rows], "as given")
 
@@ -120,7 +108,7 @@ def _by_axes(names: Sequence[str]) -> dict[str, dict[str, str]]:
 
 def _of_one_kind(
     groups: dict[str, dict[str, str]], fingers: Sequence[str], *, is_given: bool
-) -> Evidence[list[SensorColumns]] | str:
+) -> Evidence[list[SensorColumns]]:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
     given = {f"{word}.": at for at, word in enumerate(fingers)}
     kind_of = {}
@@ -143,9 +131,9 @@ def _of_one_kind(
     hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
     # two sensors are the jaws of a gripper
     if len(hands) > 1 and len(keys) > 2 and not (is_given or fingers):
-        return "left and right are two hands: which one?"
+        return unclear("columns of left and right, which are two hands,")
     if len(chosen) != 1 and not is_given:
-        return f"columns {listed(kinds, most=6)}: which are the readings?"
+        return unclear(f"columns {listed(kinds, most=6)} (which are the readings?)")
     sensors = [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
     return Evidence(sensors, "as given" if is_given else "by the axes in their names")
 
@@ -159,32 +147,32 @@ def finger_order(name: str) -> int:
 # -- by what a touch does
 
 
-def _by_touch(
-    names: Sequence[str], columns: Columns
-) -> Evidence[list[SensorColumns]] | str:
+def _by_touch(names: Sequence[str], columns: Columns) -> Evidence[list[SensorColumns]]:
     """Columns without axes in their names as three a sensor, where a touch shows that.
 
-    All of them, or those that differ in a number. Sensor by sensor, or axis by axis.
+    All of them, or those that differ in a number. Sensor by sensor, as they stand.
     """
     series = {"": [*names]}
     for name in sorted(names, key=counted):
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    found = set()
+    found = []
     for one in series.values():
-        if len(one) < FEWEST_UNNAMED or len(one) % 3:
-            continue
-        for order in (one, [*np.reshape(one, (3, -1)).T.ravel()]):
-            found |= (
-                {tuple(map(str, order))} if presses(channels(columns, order)) else set()
-            )
+        is_whole = len(one) >= FEWEST_UNNAMED and len(one) % 3 == 0
+        if is_whole and one not in found and presses(channels(columns, one)):
+            found.append(one)
     if len(found) != 1:
         most = max(series.values(), key=len)
-        return f"columns {listed(most)}" if len(most) > 2 else ""
+        return unclear(f"columns {listed(most)}" if len(most) > 2 else "")
     (axes,) = found
     rows = zip(axes[::3], axes[1::3], axes[2::3], strict=True)
     sensors = [SensorColumns(*row) for row in rows]
     check = "every third column presses, on every sensor"
     return Evidence(sensors, f"no axes in the names, {axes[0]} to {axes[-1]}", check)
+
+
+def unclear(what: str) -> Evidence[list[SensorColumns]]:
+    """No sensors, and which columns must be asked for; "" of a table without readings."""
+    return Evidence([], what)
 
 
 def presses(values: FloatArray) -> bool:

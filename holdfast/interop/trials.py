@@ -64,7 +64,7 @@ JUMP_S, BACK_S = 60.0, 0.5
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
 MOST_ZEROS = 0.3
-"""Of a press: a sensor that reads 0 for longer touches nothing."""
+"""Of the rows: a sensor that reads 0 in more touches nothing."""
 LONGEST_SAME = 20
 """Rows in which a sensor may read the same, to the last digit of three axes."""
 SELDOM, EVENLY = 0.05, 0.9
@@ -269,9 +269,9 @@ class TrialImport:
         trial = self._trial(log, rows, plan)
         labels = labels[-len(trial.t_s) :]
         recording = prepared(trial, plan.unit_of_values, "")
-        first, stop = contact(trial.t_s, recording.samples)
-        action = self._action(log, plan, names["action"], labels, slice(first, stop))
-        is_timed = len({*labels}) > 1
+        closed = slice(*contact(trial.t_s, recording.samples))
+        action = self._action(log, plan, names["action"], labels, closed)
+        is_timed = any(labels)
         if action == LIFT and not is_timed:
             # raises where the forces do not tell when the hand holds something
             values, valid = recording.samples, recording.valid
@@ -298,8 +298,8 @@ class TrialImport:
     ) -> str:
         """The action of a trial, by its name or else its labels.
 
-        labels [T] are filled up: where the hand is closed and nothing is said, it holds. closed:
-        from the first touch to the last. Raises LabelError.
+        labels [T] become what is known of when: a hand that is closed holds where nothing is said;
+        all are empty where nothing is known. closed: the first touch to the last. Raises LabelError.
         """
         is_timed = len({*labels}) > 1
         if plan.events and labels[0] is None:
@@ -313,6 +313,9 @@ class TrialImport:
         kinds = {*labels} - {"", None}
         fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
         action = action or next(fits, "")
+        if not is_timed:
+            # what is the same in every row says what the trial is
+            labels[:] = ""
         situation = SITUATION_OF_ACTION.get(action, "")
         if not (situation or (action and is_timed)):
             raise LabelError(
@@ -339,21 +342,15 @@ class TrialImport:
         Raises NotANumber, TimeError.
         """
         values = values_of(log, rows, plan)
-        for number, n_same in enumerate(lose_repeats(values), 1):
-            if n_same:
-                text = f"sensor {number} repeats a reading in {n_same} rows: lost"
-                self._note(log, text)
-        n_zeros = lose_zeros(values)
-        if n_zeros:
-            self._note(log, f"{count_of(n_zeros, 'zero')} of a sensor in a press: lost")
-        n_jumps = 0
-        for channel in values.T:
-            steps = np.abs(np.diff(channel)) / UNIT_OF[plan.unit][1]
-            n_jumps += int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
+        for number, n_hung in enumerate(lose_hung(values), 1):
+            if n_hung:
+                text = f"sensor {number} is 0 in a press, or repeats one reading"
+                self._note(log, f"{text}, in {count_of(n_hung, 'row')}: lost")
+        steps = np.abs(np.diff(values, axis=0)) / UNIT_OF[plan.unit][1]
+        n_jumps = int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
         if n_jumps:
-            self._note(
-                log, f"{count_of(n_jumps, 'jump')} by 2^16: --unwrap takes them out"
-            )
+            jumps = count_of(n_jumps, "jump")
+            self._note(log, f"{jumps} by 2^16: --unwrap takes them out")
         is_lost = np.isnan(values)
         n_lost = is_lost.sum(axis=0)[plan.measured]
         lost = zip(plan.channels, n_lost.tolist(), strict=True)
@@ -390,40 +387,23 @@ def repeats(values: FloatArray) -> BoolArray:
     return same
 
 
-def lose_repeats(values: FloatArray) -> list[int]:
-    """How many samples of each sensor repeat one reading, as of a driver that hangs; become nan.
+def lose_hung(values: FloatArray) -> list[int]:
+    """How many samples of each sensor are no readings, as of a driver that hangs; become nan.
 
-    values [T, C]: changed. A sensor may stay at its rest, and one that often repeats has coarse
-    steps.
+    values [T, C]: changed. They repeat one reading for long, or are 0. A sensor may stay at its
+    rest, and one that often repeats has coarse steps.
     """
     n_lost = []
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
         same = repeats(sensor)[:, 0]
         runs = np.cumsum(~same)
-        hung = same & (np.bincount(runs)[runs] > LONGEST_SAME)
+        is_long = same & (np.bincount(runs)[runs] > LONGEST_SAME)
+        is_coarse = np.mean(same & ~is_long) > SELDOM
+        zeros = (sensor == 0).all(axis=1)
+        hung = (is_long & ~is_coarse) | (zeros & (zeros.mean() < MOST_ZEROS))
         hung &= (sensor != sensor[0]).any(axis=1)
-        if np.mean(same & ~hung) < SELDOM:
-            sensor[hung] = np.nan
-        n_lost.append(int(np.isnan(sensor[hung]).all(axis=1).sum()))
-    return n_lost
-
-
-def lose_zeros(values: FloatArray) -> int:
-    """How many samples of a sensor are 0 while it presses; they become nan.
-
-    values [T, C]: changed. A sensor that is 0 before and behind the press too is at rest.
-    """
-    n_lost = 0
-    _, rows = touch(values)
-    first, last = np.flatnonzero(rows)[[0, -1]] if rows.any() else (0, 0)
-    span = slice(first, last + 1)
-    for sensor in np.split(values, values.shape[1] // 3, axis=1):
-        # where all sensors are 0, nothing seems to be touched: rows are not enough
-        within = (sensor == 0).all(axis=1)
-        n_outside = within.sum() - within[span].sum()
-        if within[span].mean() < MOST_ZEROS and not n_outside:
-            sensor[within] = np.nan
-            n_lost += int(within.sum())
+        sensor[hung] = np.nan
+        n_lost.append(int(hung.sum()))
     return n_lost
 
 
@@ -540,25 +520,31 @@ def labels_of_rows(
 
     events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
+    rules, n_used = plan.events, 0
     labels = np.full(len(rows), None, dtype=object)
-    n_used = 0
-    if plan.events and plan.events.column in rows:
-        labels = marks_of(rows[plan.events.column].to_numpy(object), plan.events)
-    elif plan.events:
+    if rules and rules.column in rows:
+        labels = marks_of(rows[rules.column].to_numpy(object), rules)
+    elif rules:
         of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
         is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
-        labels[:] = "" if is_ours.any() else None
-        clock = clock_of(plan.events, rows.index.to_numpy())
+        if not is_ours.any():
+            return labels, 0
+        clock = clock_of(rules, rows.index.to_numpy())
         for event in events[is_ours].dropna(subset="start").itertuples():
             first, stop = np.searchsorted(clock, [event.start, event.end])
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label
-    meanings = {label: plan.situation(label) for label in {*labels} - {None}}
-    for label, situation in meanings.items():
+    else:
+        return labels, 0
+
+    meanings: dict[str | None, str] = {None: ""}
+    for label in {*labels} - {None}:
+        situation = plan.situation(label)
         if situation is None:
             raise LabelError(
                 f"the label {label!r:.60} is no situation",
                 where=log.path,
                 next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-    return np.array([meanings.get(one) for one in labels], dtype=object), n_used
+        meanings[label] = situation
+    return np.array([meanings[one] for one in labels], dtype=object), n_used
