@@ -162,8 +162,8 @@ def usual_step(values: FloatArray) -> float:
 
 def unit_of(
     names: Sequence[str], values: FloatArray, effects: FloatArray, head: str = ""
-) -> Evidence[str] | str:
-    """The unit of channels [T, C] by their names, such as `x [mN]`; else what is not clear of it.
+) -> Evidence[str]:
+    """The unit of channels [T, C] by their names, such as `x [mN]`; "" where it must be asked.
 
     By the size of a press, where no unit is written and a press of people fits one unit only.
     effects [2, C]: of a touch. head: words for it in the head of the log.
@@ -183,7 +183,7 @@ def unit_of(
         words = ", ".join(sorted(written))
         unit = units.pop()
         if units or unit is None:
-            return f"the log says {words}"
+            return Evidence("", f"the log says {words}")
         return Evidence(unit, f"{words} in names or head")
 
     rest = np.abs(effects[0]).reshape(-1, 3)
@@ -201,7 +201,7 @@ def unit_of(
         if is_at_rest and is_press and not is_whole and not FIELD.search(names[0]):
             bounds = f"a press lies between {PRESS_N[0]:g} and {PRESS_N[1]:g} N"
             return Evidence(unit, f"by size, {sizes}", bounds)
-    return f"{'whole numbers, ' if is_whole else ''}{sizes}"
+    return Evidence("", f"{'whole numbers, ' if is_whole else ''}{sizes}")
 
 
 def _unit_behind(name: str) -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +20,9 @@ from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.data.datasets.trials import action_of
-from holdfast.interop.logs import LogPlace, paired, read_log
+from holdfast.interop.logs import LogPlace, read_log
 from holdfast.interop.map import EventRules, ImportMap
-from holdfast.interop.streams import Column, Columns, is_text, text_cells
+from holdfast.interop.streams import Column, Columns, ForeignLog, is_text, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.words import (
     END,
@@ -245,36 +244,29 @@ def timed(
 # -- the events of a trial
 
 
-def tables_of(
-    rules: EventRules | None, source: Path, files: Mapping[str, Sequence[LogPlace]]
-) -> dict[str, Path]:
-    """The name of a log -> the file of its events, where the rules name one for it."""
-    if rules is None or not rules.file:
-        return {}
-    root = source if source.is_dir() else source.parent
-    if "*" not in rules.file:
-        return dict.fromkeys(files, root / rules.file)
-    tables = {}
-    for path in sorted(root.rglob("*")):
-        place = path.relative_to(root)
-        if fnmatch(place.as_posix(), rules.file):
-            tables[place.with_suffix("").as_posix()] = path
-    # a table that was taken for a log is none; that of a workbook may be its own
-    logs = [
-        name for name, (one, *_) in files.items() if one.path not in tables.values()
-    ]
-    pairs = paired(logs or [*files], [*tables])
-    return {log: tables[table] for log, table in pairs.items()}
+def events_of(
+    log: ForeignLog, plan: ImportMap, source: Path
+) -> tuple[pd.DataFrame, Path]:
+    """(the events of a log, where they stand), in the unit of the rules, with the columns of EVENT.
 
-
-def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
-    """The events of a table, in the unit of the rules, with the columns of EVENT.
-
-    A trial without an event has a row without a start. Raises ColumnError or LabelError.
+    In a table of the log or beside it, else in one for all logs. A trial without an event has a row
+    without a start. Raises ColumnError or LabelError.
     """
-    rules = plan.events or EventRules(column="-")
-    streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
-    columns = max(streams, key=lambda one: rules.start in one.columns).columns
+    rules = plan.events
+    if rules is None or not rules.file:
+        return NO_EVENTS, log.path
+    path, streams = log.path, log.streams
+    if "*" not in rules.file:
+        path = (source if source.is_dir() else source.parent) / rules.file
+        if path != log.path:
+            streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
+    tables = [
+        one.columns for one in streams if not one.columns.keys() & {*plan.channels}
+    ]
+    tables.sort(key=lambda columns: rules.start not in columns)
+    if not tables:
+        return NO_EVENTS, path
+    columns = tables[0]
     names = {key: getattr(rules, key) for key in EVENT}
     plan.require_columns(columns, path, {*names.values()} - {""})
     events = pd.DataFrame(
@@ -301,7 +293,7 @@ def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
     order = ["trial", "start", "end"]
     events = events.sort_values(order, ascending=[True, True, False])
     following = events.groupby("trial")["start"].shift(-1)
-    return events.fillna({"end": following}).fillna({"end": np.inf})
+    return events.fillna({"end": following}).fillna({"end": np.inf}), path
 
 
 def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which files are logs, how each is read, and which table of events or of names is beside which.
+"""Which files are logs, how each is read, and what is refused.
 
 A bag of ROS 2 is a folder with metadata.yaml, a LeRobot set one with meta/info.json. Any other file
 that begins like a table is one, whatever it is called.
@@ -6,8 +6,7 @@ that begins like a table is one, whatever it is called.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -64,8 +63,6 @@ FOREIGN = {
     "a recording of a camera system: export it as CSV": (".c3d", ".trc", ".tdms"),
 }
 """What others write and nothing here reads -> endings."""
-WORD = r"[/_ .-]+"
-"""Between the words of a path."""
 
 
 @dataclass(frozen=True)
@@ -198,37 +195,3 @@ def _kind_of(path: Path) -> str | None:
         suffix = path.suffix.lower()
         return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS, SCALARS) else ""
     return next((mark for mark in LOG_MARKS if (path / mark).is_file()), None)
-
-
-# -- tables beside logs
-
-
-def paired(logs: Sequence[str], tables: Sequence[str]) -> dict[str, str]:
-    """The name of a log -> that of the table beside it; what is not clear is left out.
-
-    Names of a pair differ in one word of the table, the same in all pairs: trial_1_motion and
-    trial_1_events, data/x and labels/x, t1 and t1; or a table is alone with a log in a folder.
-    """
-    pairs: dict[str, dict[str, str]] = {}
-    for table in tables:
-        near: dict[str, list[str]] = {}
-        for log in logs:
-            word = other_word(log, table)
-            if word is not None:
-                near.setdefault(word, []).append(log)
-        for word, of_word in near.items():
-            if len(of_word) == 1:
-                pairs.setdefault(word, {})[of_word[0]] = table
-    return max(pairs.values(), key=len, default={})
-
-
-def other_word(log: str, table: str) -> str | None:
-    """The word of a table's name that its log has not; None where they differ in more."""
-    ours, theirs = re.split(WORD, log), re.split(WORD, table)
-    for _ in range(2):
-        while ours and theirs and ours[-1] == theirs[-1]:
-            ours, theirs = ours[:-1], theirs[:-1]
-        ours, theirs = ours[::-1], theirs[::-1]
-    word = "".join(theirs)
-    # a number would be that of another trial
-    return None if len(theirs) > 1 or re.search(r"\d", word) else word

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,23 +25,16 @@ from holdfast.data.datasets.thesis import prepared
 from holdfast.data.datasets.trials import EMPTY_HAND
 from holdfast.data.lifts import LIFT, lift_phases
 from holdfast.data.timeline import contact
+from holdfast.interop.beside import Files, read_joined
 from holdfast.interop.columns import (
     JUDGED_ROWS,
     JUMP,
-    find_time,
     usual_step,
     without_codes,
     without_jumps,
 )
 from holdfast.interop.joining import table_of
-from holdfast.interop.labels import (
-    NO_EVENTS,
-    clock_of,
-    marks_of,
-    read_events,
-    tables_of,
-)
-from holdfast.interop.logs import SCALARS, LogPlace, paired, read_log
+from holdfast.interop.labels import clock_of, events_of, marks_of
 from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.sensors import touch
 from holdfast.interop.streams import (
@@ -49,14 +42,12 @@ from holdfast.interop.streams import (
     GAP_STEPS,
     Column,
     ForeignLog,
-    Stream,
     evened,
-    first_stream,
     text_cells,
     unwrapped,
 )
 from holdfast.interop.tables import pd
-from holdfast.interop.understood import Files, Understood
+from holdfast.interop.understood import Understood
 from holdfast.interop.writing import truth_of, write_csv
 
 JUMP_S, BACK_S = 60.0, 0.5
@@ -105,7 +96,6 @@ class TrialImport:
     ) -> None:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         used: Counter[Path] = Counter()
-        tables = tables_of(plan.events, source, files)
         for number, (name, group) in enumerate(files.items()):
             log = self.kept.pop(name, None)
             log = log or read_joined(group, plan.trials.fingers, name)
@@ -114,8 +104,7 @@ class TrialImport:
             if not table_of(log, plan.channels):
                 self._note(log, "no readings in it")
                 continue
-            path = tables.get(name)
-            events = read_events(path, plan) if path else NO_EVENTS
+            events, where = events_of(log, plan, source)
             whole = self._rows(log, plan)
             # a long log is large
             log = replace(log, streams=())
@@ -123,19 +112,18 @@ class TrialImport:
             for rows in self._cuts(log, whole, plan):
                 n_used = self._write(log, rows, plan, events)
                 # a trial in which nothing falls has no event
-                has_events = bool(events["start"].notna().any())
-                used.update({path: n_used} if path and has_events else {})
+                used.update({where: n_used} if events["start"].notna().any() else {})
                 done += len(rows)
                 part((number + done / len(whole)) / len(files))
         part(1.0)
 
-        for path, n_used in used.items():
-            if not n_used:
-                raise LabelError(
-                    "no event of it lies in a log",
-                    where=path,
-                    next_step="correct unit and zero of [events] in the map",
-                )
+        unused = next((where for where, n_used in used.items() if not n_used), None)
+        if unused:
+            raise LabelError(
+                "no event of it lies in a log",
+                where=unused,
+                next_step="correct unit and zero of [events] in the map",
+            )
 
     def report(self, found: Understood) -> None:
         """Add the end of the table of what was understood. Raises EmptyRecording."""
@@ -298,8 +286,8 @@ class TrialImport:
     ) -> str:
         """The action of a trial, by its name or else its labels.
 
-        labels [T] become what is known of when: a hand that is closed holds where nothing is said;
-        all are empty where nothing is known. closed: the first touch to the last. Raises LabelError.
+        labels [T] become what is known of when: a closed hand holds where nothing is said; all
+        are empty where nothing is known. closed: the first touch to the last. Raises LabelError.
         """
         is_timed = len({*labels}) > 1
         if plan.events and labels[0] is None:
@@ -413,63 +401,6 @@ def _says_no(cells: Column) -> BoolArray:
         return np.array([says_no(cell) for cell in cells])
     # among numbers a word, such as False, was read as nan
     return ~(np.abs(cells.astype(np.float64)) > 0.0)
-
-
-# -- files of one trial
-
-
-def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
-    """The files of each log: one, or one for each finger in the order of `fingers`.
-
-    Behind them stands what an object beside them says of the trial.
-    """
-    facts = {one.name: one for one in places if one.kind == SCALARS}
-    logs = [one for one in places if one.kind != SCALARS]
-    files: Files = {}
-    for place in () if fingers else logs:
-        files.setdefault(place.name, [place])
-    for word in fingers:
-        # the whole word, and the signs around it
-        token = re.compile(
-            rf"[_\-. /]*(?<![^_\-. /]){re.escape(word)}(?![^_\-. /])[_\-. /]*"
-        )
-        for place in logs:
-            if token.search(place.name):
-                name = token.sub("_", place.name).strip("_") or "log"
-                files.setdefault(name, []).append(place)
-    for name, fact in paired([*files], [*facts]).items():
-        files[name].append(facts[fact])
-    return files
-
-
-def read_joined(
-    places: Sequence[LogPlace], fingers: Sequence[str], name: str
-) -> ForeignLog:
-    """One log of one file, or of a file for each finger: then its columns are `finger.column`.
-
-    What an object beside it says of the trial is a column for each fact.
-    """
-    files = [place for place in places if place.kind != SCALARS]
-    log = read_log(files[0])
-    streams = [*log.streams]
-    for number, (word, place) in enumerate(zip(fingers, files, strict=bool(fingers))):
-        columns = dict(first_stream(read_log(place) if number else log).columns)
-        found = find_time(columns)
-        if found is None or not found.value.column:
-            raise TimeError("no column of time to join files by", where=place.path)
-        t_ns = columns.pop(found.value.column) * found.value.unit_ns
-        named = {f"{word}.{key}": column for key, column in columns.items()}
-        streams[number:] = [Stream(named, np.round(t_ns).astype(np.int64), word)]
-    for place in places[len(files) :]:
-        longest = max(streams, key=lambda one: one.rows)
-        at = streams.index(longest)
-        # what has a name is a table of events
-        for one in [one for one in read_log(place).streams if not one.name]:
-            facts = {
-                key: np.repeat(fact, longest.rows) for key, fact in one.columns.items()
-            }
-            streams[at] = replace(longest, columns=facts | longest.columns)
-    return replace(log, name=name, streams=tuple(streams))
 
 
 # -- names and labels of a trial

@@ -14,6 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 from holdfast.core.contract import AXES
 from holdfast.core.errors import ColumnError, listed
 from holdfast.core.progress import Part, ignored
+from holdfast.interop.beside import files_of, read_joined
 from holdfast.interop.columns import (
     channels,
     find_time,
@@ -43,7 +45,6 @@ from holdfast.interop.sensors import (
     touch,
 )
 from holdfast.interop.streams import ForeignLog, counted, first_stream, merged
-from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 
 FEWEST_ROWS = 100
@@ -69,7 +70,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     found = Understood()
     places, others = find_logs(source)
     samples: dict[str, Sample] = {}
-    tables: list[ForeignLog] = []
+    others_read: dict[Path, ForeignLog] = {}
     for number, place in enumerate(places, 1):
         log = read_log(place)
         # no more than one is in the memory
@@ -80,15 +81,16 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         if sample:
             samples[place.name] = sample
         else:
-            tables.append(log)
+            others_read[place.path] = log
         part(number / len(places))
 
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
+        log = next(iter(others_read.values()))
+        names = listed([*merged(log)], most=24)
+        what = f"which columns of {log.name} are x, y and z of each sensor? ({names})"
         if not found.questions:
-            names = listed([*merged(tables[0])], most=24)
-            what = f"which columns of {tables[0].name} are x, y and z of each sensor? ({names})"
             found.ask("--sensors", f"{what}; or a map names them (docs/your-data.md)")
         return found
 
@@ -96,14 +98,18 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     if fingers:
         each = f"the files {listed(fingers)} of each trial"
         found.add("joined", f"{each}, on the slowest clock")
-    facts = [place for place in places if place.kind == SCALARS]
-    files = files_of([*(one.files[0] for one in samples.values()), *facts], fingers)
+    logs = [one.files[0] for one in samples.values()]
+    beside = [place for place in places if place.path in others_read]
+    files = files_of(logs, beside, fingers)
     for name, group in files.items():
         if name not in samples or len(group) > 1:
             found.kept.clear()
             log = read_joined(group, fingers, name)
             sample = _sample(group, log, answers, found)
             samples |= {name: sample} if sample else {}
+        for place in group:
+            others_read.pop(place.path, None)
+    tables = [one for one in others_read.values() if one.path.suffix != SCALARS]
 
     forms: dict[object, list[Sample]] = {}
     for one in [samples[name] for name in files if name in samples]:
@@ -121,7 +127,13 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
 def of_map(source: Path, plan: ImportMap) -> Understood:
     """The logs of a source by a map. Raises DataNotFound."""
     places, _ = find_logs(source)
-    found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
+    pattern = plan.events.file if plan.events else ""
+    beside = [one for one in places if one.kind == SCALARS]
+    beside += [
+        one for one in places if fnmatch(f"{one.name}{one.path.suffix}", pattern)
+    ]
+    logs = [one for one in places if one not in beside]
+    found = Understood(plans=[(plan, files_of(logs, beside, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
     return found
@@ -151,7 +163,7 @@ def _sample(
             text = f"{sensors.why} of {log.name}: which are x, y and z of each sensor?"
             found.ask("--sensors", f"{text} {NO_SHEAR}")
         return None
-    keys = in_turn(columns) if len(names) == len(AXES) and len(files) == 1 else []
+    keys = in_turn(columns) if len(names) == len(AXES) else []
     if keys:
         text = f"each row of {log.name} is of one {listed(keys)} that comes in turn"
         found.ask("SOURCE", f"{text}: write a row for each time, with all sensors")
@@ -166,7 +178,7 @@ def _sample(
             next_step="write a row for each time, with all sensors",
         )
     # fingers are no sum, and what is given is not judged
-    is_judged = not (answers.sensors or FINGER.search(names[0]) or len(files) > 1)
+    is_judged = not (answers.sensors or FINGER.search(names[0]))
     sums = sums_of_others(values) if is_judged else []
     if sums:
         shown = listed([sensors.value[k].z for k in sums])

@@ -61,7 +61,7 @@ HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
 OUTCOMES = {
     "grasp": HELD,
     "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",
-    "risky_slip": "risky|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
+    "risky_slip": "risky|gross slip|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
 }
 """Situation -> its words, which also name a whole trial."""
 SITUATIONS = {
@@ -71,7 +71,7 @@ SITUATIONS = {
     "grasp": f"{HELD}|grasp|hold|grip|contact|lift|carry|touch",
 }
 """Situation -> words in labels that mean it."""
-FILLERS = f"{START}|is|has|the|a|object|hand|phase|state|labels?|event|class|flag|gt|truth|data|gross"
+FILLERS = f"{START}|is|has|the|a|object|hand|phase|state|labels?|event|class|flag|gt|truth|data"
 """Words beside them that change nothing."""
 ENDINGS = "(?:s|es|d|[a-z]?ed|[a-z]?ing)?"
 """Of a word in another form: slips, slipped, slipping."""
