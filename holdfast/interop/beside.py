@@ -50,8 +50,8 @@ def read_joined(
 ) -> ForeignLog:
     """A log of its files: with several fingers its columns are `finger.column`.
 
-    A table beside it is a stream that is named as its files are, with * for the name of a log; each
-    fact is a column. Raises TimeError for a finger without a time.
+    A table beside it is a stream that is named as its files are, with * for the name of a log; a
+    fact is a column, too. Raises TimeError for a finger without a time.
     """
     n_files = max(1, len(fingers))
     log = replace(read_log(places[0]), name=name)
@@ -64,14 +64,10 @@ def read_joined(
         pattern = f"*{other_word(name, place.name)}*{place.path.suffix}"
         for stream in read_log(place).streams:
             if place.kind == SCALARS and not stream.name:
-                facts |= {
-                    key: np.repeat(one, readings.rows)
-                    for key, one in stream.columns.items()
-                }
-            else:
-                tables.append(
-                    replace(stream, t_ns=None, name=pattern.replace("**", "*"))
-                )
+                for key, fact in stream.columns.items():
+                    facts[key] = np.repeat(fact, readings.rows)
+            name_of_all = pattern.replace("**", "*")
+            tables.append(replace(stream, t_ns=None, name=name_of_all))
     readings = replace(readings, columns=facts | readings.columns)
     return replace(log, streams=(readings, *tables))
 

@@ -28,7 +28,7 @@ from holdfast.interop.labels import FoundLabels, labels_of, rules_of_table, time
 from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import moved_most, oriented
-from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
+from holdfast.interop.streams import LOG_TIME, ForeignLog, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.interop.words import NAMED, says
@@ -96,9 +96,9 @@ class Form:
             *astuple(rules),
         ]
         used += [time.value.column] if time else []
-        unused = [
-            name for name in merged(first.log) | first.columns if name not in used
-        ]
+        own = [one for one in first.log.streams if "*" not in one.name]
+        there = [*(name for one in own for name in one.columns), *first.columns]
+        unused = [name for name in dict.fromkeys(there) if name not in used]
         if unused:
             found.add("not used", listed(unused, most=12))
         if time is None or not unit:
@@ -236,7 +236,8 @@ class Form:
                     what = f"{found.rules.start} of {file} lies in no log in {found.rules.unit}"
                     self.found.ask("--map", f"{what}: write unit and zero of [events]")
                 labels.append(replace(found, rules=rules or found.rules))
-            else:
+            elif not columns.keys() <= first.columns.keys():
+                # facts are columns of their log
                 self.found.add("not used", f"{file} (columns {listed([*columns])})")
         return labels
 

@@ -21,11 +21,6 @@ from holdfast.interop.tables import begin_of
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
-NO_LOGS = (
-    ".jsonl", ".toml", ".yaml", ".yml", ".md", ".html", ".svg", ".xml", ".ipynb", ".py",
-    ".m", ".c", ".h", ".cpp", ".ino",
-)  # fmt: skip
-"""Texts that may look like tables."""
 SCALARS = ".json"
 """What one object says of a trial: who held what, and when it fell."""
 MODULES = {
@@ -81,35 +76,32 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     """(the logs of a file or folder, by name; what is no log, in words). Raises DataNotFound."""
     others: list[str] = []
     found: dict[str, LogPlace] = {}
-    doubtful: list[LogPlace] = []
     root = source if _kind_of(source) is None else source.parent
 
     # of two with one name a text is that of the labels
     places = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
     for place in sorted(places, key=lambda one: counted(one.name)):
         wide = _columns_of(place)
-        if place.path != source and not wide:
+        name = place.path.name if place.name in found else place.name
+        if not wide and place.path != source:
             others.append(place.path.name)
-            doubtful += [] if place.kind in (*PROSE, *NO_LOGS) else [place]
         elif place.kind == SCALARS:
             found[place.path.as_posix()] = place
-        elif place.name in found and wide > LABEL_COLUMNS:
-            others.append(f"{place.path.name} (as {found[place.name].path.name})")
+        elif name != place.name and wide > LABEL_COLUMNS:
+            others.append(f"{name} (as {found[place.name].path.name})")
         else:
-            found[place.path.name if place.name in found else place.name] = place
+            found[name] = place
 
-    # where there is nothing else, reading them says what is wrong
-    places = [*found.values()] or doubtful
-    if not places or {place.kind for place in places} == {SCALARS}:
+    if {place.kind for place in found.values()} <= {SCALARS}:
         seen = next((path for path in source.rglob("*") if path.is_file()), None)
         what = "no log in this folder" if source.exists() else "no such file or folder"
         raise DataNotFound(
             f"{what}; {seen.name} is {_what_it_is(seen)}" if seen else what,
-            where=source,
+            where=seen or source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
-    return places, others
+    return [*found.values()], others
 
 
 def _what_it_is(path: Path) -> str:
@@ -148,14 +140,12 @@ def read_log(place: LogPlace) -> ForeignLog:
             next_step="open it with the program that wrote it, and save it again or as CSV",
         ) from None
 
-    streams = []
-    for stream in filter(lambda one: one.rows, log.streams):
-        streams.append(without_repeats(whole_stamps(stream)))
-    if not streams:
-        raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}
-    for stream in streams:
-        same.setdefault(tuple(stream.columns), []).append(stream)
+    for stream in filter(lambda one: one.rows, log.streams):
+        plain = without_repeats(whole_stamps(stream))
+        same.setdefault(tuple(plain.columns), []).append(plain)
+    if not same:
+        raise EmptyRecording("no row of data", where=place.path)
     return replace(log, streams=tuple(map(united, same.values())))
 
 
@@ -164,13 +154,12 @@ def _columns_of(place: LogPlace) -> float:
 
     What may be prose must have mostly numbers.
     """
-    is_other = place.kind in MODULES and place.kind != SCALARS
-    if is_other or place.kind in NO_LOGS:
-        return np.inf if is_other else 0
+    if place.kind in MODULES and place.kind != SCALARS:
+        return np.inf
     try:
         if place.kind == SCALARS:
             return first_stream(read_log(place)).rows
-        layout, *_ = begin_of(place.path)
+        layout, _ = begin_of(place.path)
     except DataError:
         return 0
 
@@ -193,5 +182,5 @@ def _kind_of(path: Path) -> str | None:
     """The ending of a file, "" for one that is not known; the mark of a folder; else None."""
     if path.is_file():
         suffix = path.suffix.lower()
-        return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS, SCALARS) else ""
+        return suffix if suffix in (*LOG_SUFFIXES, SCALARS) else ""
     return next((mark for mark in LOG_MARKS if (path / mark).is_file()), None)

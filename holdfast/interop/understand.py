@@ -105,7 +105,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         if name not in samples or len(group) > 1:
             found.kept.clear()
             log = read_joined(group, fingers, name)
-            sample = _sample(group, log, answers, found)
+            sample = _sample(group, log, answers, found, bool(fingers))
             samples |= {name: sample} if sample else {}
         for place in group:
             others_read.pop(place.path, None)
@@ -140,7 +140,11 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
 
 
 def _sample(
-    files: list[LogPlace], log: ForeignLog, answers: Answers, found: Understood
+    files: list[LogPlace],
+    log: ForeignLog,
+    answers: Answers,
+    found: Understood,
+    is_joined: bool = False,
 ) -> Sample | None:
     """A log with its time and its sensors; None of a table without readings, or where it is asked.
 
@@ -150,8 +154,7 @@ def _sample(
     if longest.rows < 2:
         return None
     marks = [name for name, column in whole.items() if is_mark(name, column)]
-    fingers = [*filter(None, answers.fingers.split(","))]
-    sensors = find_sensors(whole, longest.columns, marks, answers.sensors, fingers)
+    sensors = find_sensors(whole, longest.columns, marks, answers.sensors, is_joined)
     names = [name for sensor in sensors.value for name in sensor.axes]
     columns = table_of(log, names)
     time = find_time(columns or whole, answers.rate, log.about.get("rate_hz"))
@@ -178,7 +181,7 @@ def _sample(
             next_step="write a row for each time, with all sensors",
         )
     # fingers are no sum, and what is given is not judged
-    is_judged = not (answers.sensors or FINGER.search(names[0]))
+    is_judged = not (answers.sensors or FINGER.search(names[0]) or is_joined)
     sums = sums_of_others(values) if is_judged else []
     if sums:
         shown = listed([sensors.value[k].z for k in sums])
