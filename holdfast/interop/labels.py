@@ -33,6 +33,7 @@ from holdfast.interop.words import (
     OFF,
     OUTCOMES,
     OVER,
+    ROWS,
     SITUATIONS,
     START,
     TIME_UNITS,
@@ -184,13 +185,16 @@ def rules_of_table(
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
-    start = _named(numbers, START)
+    start, end, label = (*numbers[:2], *texts, "", "", "")[:3]
+    if "column1" not in columns:
+        # else it has no heading, as a track of labels
+        start = _named(numbers, f"{START}|{ROWS}")
+        end = _named([name for name in numbers if name != start], END)
+        label = _named(texts, LABEL)
     if not start:
         return None
-    numbers.remove(start)
-    end = _named(numbers, END)
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    label = "" if situation_of_word(start) else _named(texts, LABEL)
+    label = "" if situation_of_word(start) else label
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
     labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
@@ -204,7 +208,7 @@ def rules_of_table(
         start=start,
         end=end,
         label=label,
-        unit=unit_of_time(start) or "s",  # type: ignore[arg-type]
+        unit=ROW if says(start, ROWS) else unit_of_time(start) or "s",  # type: ignore[arg-type]
         hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
@@ -232,10 +236,10 @@ def timed(
     spans_s: of the logs. None where the last event lies in no log either way.
     """
     latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
-    latest_s = latest * NS_OF[rules.unit] * 1e-9
+    latest_s = latest * NS_OF.get(rules.unit, 1) * 1e-9
     begins_s, ends_s = np.transpose(spans_s)
     lasts_s = max(ends_s - begins_s)
-    if latest_s <= LATE * lasts_s:
+    if rules.unit == ROW or latest_s <= LATE * lasts_s:
         return rules
     is_within = min(begins_s) < latest_s <= max(ends_s) + (LATE - 1.0) * lasts_s
     return changed(rules, zero="clock") if is_within else None

@@ -124,7 +124,8 @@ class Form:
 class TableLayout:
     """names: of the columns. first_row: index of the first line of numbers.
 
-    numeric: the columns that hold numbers in the first lines. rate_hz: as the lines above the names say, None where they say nothing. unit: words of theirs.
+    numeric: the columns that hold numbers in the first lines. rate_hz: as the lines above the names
+    say, None where they say nothing. unit: words of theirs.
     """
 
     form: Form

@@ -70,13 +70,12 @@ def find_sensors(
     is_joined: of files, whose words stand before a dot in the names.
     """
     names = []
-    for name, column in columns.items():
-        if chosen:
-            is_free = any(fnmatchcase(name, one) for one in chosen.split(","))
-        else:
-            is_free = not (name == LOG_TIME or name in marks or is_text(column))
-            is_free &= not says(name, NO_SENSOR)
-        names += [name] if is_free else []
+    for pattern in chosen.split(",") if chosen else ():
+        names += [name for name in columns if fnmatchcase(name, pattern)]
+    for name, column in columns.items() if not chosen else ():
+        is_other = name == LOG_TIME or name in marks or is_text(column)
+        names += [] if is_other or says(name, NO_SENSOR) else [name]
+    names = [*dict.fromkeys(names)]
 
     groups = _by_axes(names)
     if groups:
@@ -133,7 +132,7 @@ def _of_one_kind(
     hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
     # two sensors are the jaws of a gripper
     if len(hands) > 1 and len(keys) > 2 and not (is_given or is_joined):
-        return unclear("columns of left and right, which are two hands,")
+        return unclear(f"left and right are two hands: columns {listed(keys)}")
 
     def place(key: str) -> tuple[object, ...]:
         """By the order of a hand; other words as they stand, numbers as people count."""

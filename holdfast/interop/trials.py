@@ -234,8 +234,9 @@ class TrialImport:
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
             _, touched = touch(values_of(log, rows, plan))
-            # where the hand holds something, samples were lost
-            ends |= (steps > longest_s) & ~(touched[1:] & touched[:-1])
+            # a step within a touch is no pause, nor is one of its length
+            within = touched[1:] & touched[:-1] & ~ends
+            ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(rows)]):
             part = rows.iloc[first:stop]
             if column and not part[column].iloc[0]:
@@ -382,13 +383,18 @@ def lose_hung(values: FloatArray) -> list[int]:
     rest, and one that often repeats has coarse steps.
     """
     n_lost = []
+    _, touched = touch(values)
+    # where all sensors are 0, nothing seems to be touched: between the touches
+    is_within = np.logical_or.accumulate(touched)
+    is_within &= np.logical_or.accumulate(touched[::-1])[::-1]
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
         same = repeats(sensor)[:, 0]
         runs = np.cumsum(~same)
         is_long = same & (np.bincount(runs)[runs] > LONGEST_SAME)
         is_coarse = np.mean(same & ~is_long) > SELDOM
         zeros = (sensor == 0).all(axis=1)
-        hung = (is_long & ~is_coarse) | (zeros & (zeros.mean() < MOST_ZEROS))
+        is_at_rest = zeros.mean() > MOST_ZEROS or (zeros & ~is_within).any()
+        hung = (is_long & ~is_coarse) | (zeros & ~is_at_rest)
         hung &= (sensor != sensor[0]).any(axis=1)
         sensor[hung] = np.nan
         n_lost.append(int(hung.sum()))

@@ -54,6 +54,7 @@ LABEL = (
 )
 TRIAL = "trial|file|log|run|recording|episode|name"
 START = f"start|begin|from|von|onset|t0|at|first|{TIME}"
+ROWS = "rows?|index|sample"
 LENGTH = "duration|length"
 END = f"end|stop|to|bis|until|offset|finish|t1|last|{LENGTH}"
 """Words of the columns of labels, and of a table of events."""

@@ -281,7 +281,9 @@ def test_readings_that_do_not_stand_by_sensors_are_asked(
     assert question in imported(run, tmp_path, *SLIP, code=2)
 
 
-def test_columns_axis_by_axis_are_sensors_by_their_names(run: Run, tmp_path: Path) -> None:
+def test_columns_axis_by_axis_are_sensors_by_their_names(
+    run: Run, tmp_path: Path
+) -> None:
     one = made(1)
     (tmp_path / "logs").mkdir()
     normals_last(tmp_path / "logs/log", one)
