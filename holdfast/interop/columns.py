@@ -188,20 +188,21 @@ def unit_of(
 
     rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
-    middle = float(np.median(normal))
-    change = float(np.nanquantile(np.abs(values[::7] - effects[0]), 0.99))
+    some = np.nan_to_num(values[::7] - effects[0])
+    middle, change = float(np.median(normal)), float(np.quantile(np.abs(some), 0.99))
     sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
-    is_whole = (np.nan_to_num(values[::7]) % 1 == 0).all()
+    if (np.nan_to_num(values[::7]) % 1 == 0).all():
+        return Evidence("", f"whole numbers, {sizes}")
     for unit, size in (("N", 1.0), ("mN", 1e3)):
         # the thesis' fingertips rest under a load on the normal alone
         is_loaded = np.abs(normal / size - PRELOAD_N) < PRELOAD_RANGE_N
         is_loaded &= shear.max(axis=1) < 0.2 * normal
         is_at_rest = middle < TARED * change or is_loaded.mean() >= 0.5
         is_press = PRESS_N[0] < change / size < PRESS_N[1]
-        if is_at_rest and is_press and not is_whole and not FIELD.search(names[0]):
+        if is_at_rest and is_press and not FIELD.search(names[0]):
             bounds = f"a press lies between {PRESS_N[0]:g} and {PRESS_N[1]:g} N"
             return Evidence(unit, f"by size, {sizes}", bounds)
-    return Evidence("", f"{'whole numbers, ' if is_whole else ''}{sizes}")
+    return Evidence("", sizes)
 
 
 def _unit_behind(name: str) -> str:

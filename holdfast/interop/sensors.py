@@ -243,11 +243,11 @@ def moved_most(changes: FloatArray) -> int:
     """
     sizes = np.abs(changes)
     sizes = sizes[sizes.sum(axis=1) > TOUCHED * sizes.sum(axis=1).max()]
-    middle = np.sort(sizes, axis=1)[:, 1:2]
-    n_clearly = (sizes > CLEARLY * middle).sum(axis=0)
-    axis = int(n_clearly.argmax())
-    is_clear = n_clearly[axis] > 0 and n_clearly[axis] >= MOST_SENSORS * len(sizes)
-    return axis if is_clear else NORMAL_AXIS
+    ordered = np.sort(sizes, axis=1)
+    is_clear = ordered[:, 2] > CLEARLY * ordered[:, 1]
+    most = np.bincount(sizes.argmax(axis=1)[is_clear], minlength=3)
+    axis = int(most.argmax())
+    return axis if most[axis] > MOST_SENSORS * len(sizes) else NORMAL_AXIS
 
 
 def oriented(

@@ -81,13 +81,10 @@ OVER = "end|stop|finish|off|offset"
 OFF = "|0|no|false|off|n|f|\\.|-|none|nein|non"
 """What stands where a mark is not."""
 FINGERS = (
-    "thumb|th|one",
-    "index|fore|pointer|ff|two",
-    "middle|mf|three",
-    "ring|rf|four",
+    "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
     "little|pinky|lf|five",
-    "six|seven|eight|nine|ten|palm",
-)
+    "six", "seven", "eight", "nine", "ten", "palm",
+)  # fmt: skip
 """Words of fingers, and of their numbers, in the order of a hand."""
 
 
