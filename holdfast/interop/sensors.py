@@ -129,9 +129,8 @@ def _of_one_kind(
     if len(chosen) != 1 and not is_given:
         return unclear(f"columns {listed(kinds, most=6)} (which are the readings?)")
     keys = [key for key in groups if is_given or kind_of[key] in chosen]
-    hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
     # two sensors are the jaws of a gripper
-    if len(hands) > 1 and len(keys) > 2 and not (is_given or is_joined):
+    if are_two_hands(keys) and len(keys) > 2 and not (is_given or is_joined):
         return unclear(f"left and right are two hands: columns {listed(keys)}")
 
     def place(key: str) -> tuple[object, ...]:
@@ -141,6 +140,11 @@ def _of_one_kind(
 
     sensors = [SensorColumns(**groups[key]) for key in sorted(keys, key=place)]  # type: ignore
     return Evidence(sensors, "as given" if is_given else "by the axes in their names")
+
+
+def are_two_hands(names: Sequence[str]) -> bool:
+    """Whether some names say left and others right."""
+    return len({bool(found[1]) for found in map(HAND.search, names) if found}) > 1
 
 
 def finger_order(name: str) -> int:

@@ -38,7 +38,7 @@ from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.sensors import (
     FINGER,
-    HAND,
+    are_two_hands,
     find_sensors,
     finger_order,
     sums_of_others,
@@ -228,7 +228,7 @@ def _fingers(
         if are_single and all(map(FILE_OF_A_SENSOR.search, words)):
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         is_unclear = are_single and kind_of(words, answers) == "unclear"
-        if is_unclear or all(map(HAND.search, words)):
+        if is_unclear or are_two_hands(words):
             each = ",".join(words)
             found.ask(
                 "--fingers",
