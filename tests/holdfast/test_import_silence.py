@@ -712,16 +712,6 @@ def long_minus_signs(one: Made) -> str:
     return "\n".join([",".join(["t", *axes(5)]), *lines]).replace("-", "\N{MINUS SIGN}")
 
 
-def minutes_and_seconds_over_an_hour(one: Made) -> str:
-    """No hours, as a spreadsheet shows a short time."""
-    lines = [",".join(["t", *axes(5)])]
-    for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
-        minutes, seconds = divmod(round(3598.0 + t_s, 2) % 3600.0, 60.0)
-        first = f"{minutes:02.0f}:{seconds:05.2f}"
-        lines.append(",".join([first, *(f"{cell:.4f}" for cell in row)]))
-    return "\n".join(lines) + "\n"
-
-
 def a_sensor_that_hangs(one: Made) -> str:
     """A driver that gives its last reading again while a sensor does not answer."""
     values = one.values.copy()
@@ -763,16 +753,6 @@ def test_a_form_of_a_public_thread_is_right_or_asked(
     np.testing.assert_allclose(trial.raw[-150:], one.values[-150:], atol=1e-4)
     assert np.isnan(trial.raw[:, -1]).sum() == LOST.get(form, 0)
     assert len(trial.raw) == 500
-
-
-def test_minutes_and_seconds_without_hours_are_no_clock(
-    run: Run, tmp_path: Path
-) -> None:
-    (tmp_path / "logs").mkdir()
-    (tmp_path / "logs/a.txt").write_text(minutes_and_seconds_over_an_hour(made(1)))
-    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
-    imported(run, tmp_path, *SLIP, "--rate", 100)
-    np.testing.assert_allclose(raw(tmp_path), made(1).values, atol=1e-4)
 
 
 def rows_over_two_lines(one: Made) -> str:
