@@ -32,6 +32,7 @@ from holdfast.interop.streams import LOG_TIME, ForeignLog, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.interop.words import NAMED, says
+from holdfast.interop.writing import thumb_sensors
 
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
@@ -73,6 +74,10 @@ class Form:
         wrong = too_many(n_sensors)
         if wrong:
             found.add("note", f"{wrong}: take those out of the map that do not matter")
+        n_thumb = thumb_sensors(first.sensors.value)
+        if n_thumb:
+            sides = f"the first {n_thumb} on the thumb's side"
+            found.add("hand", f"proposed, {sides}: correct hand.toml of the set")
         trials, actions = self._trial_rules()
         labels = self._labels(trials)
         unit, sensors = self._hand(labels)

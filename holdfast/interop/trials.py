@@ -147,7 +147,8 @@ class TrialImport:
 
     def _note(self, log: ForeignLog, *texts: str) -> None:
         """What was left out of a log, or changed."""
-        self.notes += [f"{log.name}: {text}" for text in texts]
+        notes = [f"{log.name}: {text}" for text in texts]
+        self.notes += [note for note in notes if note not in self.notes]
 
     def _left_out(self, log: ForeignLog, count: int, what: str, why: str) -> None:
         """How many rows or lines of a log were left out, where some were."""
@@ -171,11 +172,10 @@ class TrialImport:
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
         flags = valid_names(len(plan.sensors))
         for sensor, flag in zip(plan.sensors, flags, strict=True):
-            # what a log says is not valid is no reading
-            lost = _says_no(columns[flag]) if flag in columns else np.zeros(1)
-            for name in filter(None, sensor.axes) if lost.any() else ():
-                name = name.removeprefix(MINUS)
-                rows[name] = np.where(lost, np.nan, rows[name])
+            if flag in columns:
+                # what a log says is not valid is no reading
+                names = [name.removeprefix(MINUS) for name in sensor.axes if name]
+                rows[names] = rows[names].mask(_says_no(columns[flag]))
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
         if plan.time.column:
@@ -245,7 +245,13 @@ class TrialImport:
                 self._left_out(log, len(part), "row", "between trials")
                 continue
             part = part.sort_index(kind="stable")
-            yield part.set_axis(evened(part.index.to_numpy(), step))
+            clock = evened(part.index.to_numpy(), step)
+            if (clock != part.index).any():
+                hz = 1e9 / step
+                self._note(
+                    log, f"stamps in bursts: put on an even clock of {hz:.4g} Hz"
+                )
+            yield part.set_axis(clock)
 
     # -- one trial
 
