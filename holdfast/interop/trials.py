@@ -172,10 +172,13 @@ class TrialImport:
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
         flags = valid_names(len(plan.sensors))
         for sensor, flag in zip(plan.sensors, flags, strict=True):
-            if flag in columns:
-                # what a log says is not valid is no reading
-                names = [name.removeprefix(MINUS) for name in sensor.axes if name]
-                rows[names] = rows[names].mask(_says_no(columns[flag]))
+            if flag not in columns:
+                continue
+            # what a log says is not valid is no reading
+            is_lost = _says_no(columns[flag])
+            for name in filter(None, sensor.axes):
+                name = name.removeprefix(MINUS)
+                rows[name] = rows[name].mask(is_lost)
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
         if plan.time.column:
