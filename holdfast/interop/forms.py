@@ -92,20 +92,7 @@ class Form:
         is_said = labels or answers.whole_action or actions
         if not (is_said or all(one.log.about.get("action") for one in self.samples)):
             found.ask("--action", WHAT_HAPPENS)
-        rules = labels.rules if labels else EventRules(column=LOG_TIME)
-        used = [
-            LOG_TIME,
-            *valid_names(n_sensors),
-            *names,
-            *astuple(trials),
-            *astuple(rules),
-        ]
-        used += [time.value.column] if time else []
-        own = [one for one in first.log.streams if "*" not in one.name]
-        there = [*(name for one in own for name in one.columns), *first.columns]
-        unused = [name for name in dict.fromkeys(there) if name not in used]
-        if unused:
-            found.add("not used", listed(unused, most=12))
+        self._name_unused(trials, labels)
         if time is None or not unit:
             return
         said = {
@@ -127,6 +114,19 @@ class Form:
             unwrap=answers.unwrap,
         )
         found.plans.append((plan, {one.log.name: one.files for one in self.samples}))
+
+    def _name_unused(self, trials: TrialRules, labels: FoundLabels | None) -> None:
+        """Add a line of the columns that are neither readings nor names, time or labels."""
+        first = self.samples[0]
+        rules = labels.rules if labels else EventRules(column=LOG_TIME)
+        used = [LOG_TIME, *first.names, *valid_names(len(first.sensors.value))]
+        used += [*astuple(trials), *astuple(rules)]
+        used += [first.time.value.column] if first.time else []
+        own = [one for one in first.log.streams if "*" not in one.name]
+        there = [*(name for one in own for name in one.columns), *first.columns]
+        unused = [name for name in dict.fromkeys(there) if name not in used]
+        if unused:
+            self.found.add("not used", listed(unused, most=12))
 
     def _hand(self, labels: FoundLabels | None) -> tuple[str, list[SensorColumns]]:
         """(unit, "" where it is asked; the sensors with their signs)."""
