@@ -93,13 +93,14 @@ def _made_plain(
     with an empty line, where what follows is no row of it.
     """
     form, n_names = layout.form, len(layout.names)
+    is_spaced = form.separator == SPACES
     writer = csv.writer(plain, delimiter=form.mark)
     others: list[str] = []
     notes: list[str] = []
     n_rows, n_torn, was_empty = 0, 0, False
     for line in islice(lines, layout.first_row, None):
-        marks = line.split() if form.separator == SPACES else line.split(form.mark)
-        is_plain = len(marks) == n_names and line[0] not in COMMENTS
+        n_cells = len(line.split()) if is_spaced else line.count(form.mark) + 1
+        is_plain = n_cells == n_names and line[0] not in COMMENTS
         if is_plain and not (form.is_odd or was_empty):
             plain.write(line)
             n_rows += 1
