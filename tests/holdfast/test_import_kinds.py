@@ -248,6 +248,9 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
         np.testing.assert_allclose(trial.raw, one.values, atol=2e-4)
         np.testing.assert_allclose(trial.t_s, one.t_s, atol=0.02)
     assert "2 trials: 2 slip" in out
+    # no guess is made in silence
+    assert "hand       proposed, the first 1 on the thumb's side" in out
+    assert ("stamps in bursts" in out) == (form in ("bursts", "whole_seconds"))
     code, out, _ = run("check", tmp_path / "set")
     assert code == 0, out
     # what was imported holds the map for the next time and for live runs

@@ -470,6 +470,7 @@ def test_torques_that_follow_the_forces_are_no_sensors_of_their_own(
         ("fingerone", "fingertwo", "fingerthree", "fingerfour", "fingerfive"),
         ("th", "ff", "mf", "rf", "lf"),
         ("thumb", "index", "middle", "ring", "little"),
+        ("sensor_1", "sensor_2", "sensor_3", "sensor_4", "sensor_5"),
     ],
 )
 @pytest.mark.parametrize("in_files", [True, False])
