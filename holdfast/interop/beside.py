@@ -14,8 +14,8 @@ import numpy as np
 
 from holdfast.core.errors import TimeError
 from holdfast.interop.columns import find_time
-from holdfast.interop.logs import SCALARS, LogPlace, read_log
-from holdfast.interop.streams import Columns, ForeignLog, Stream, first_stream
+from holdfast.interop.formats.logs import SCALARS, LogPlace, read_log
+from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, first_stream
 
 Files = dict[str, list[LogPlace]]
 """Name of a log -> its file, or a file for each finger; then what lies beside it."""

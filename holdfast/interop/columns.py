@@ -15,7 +15,7 @@ from holdfast.core.column_map import NS_OF, TimeColumn
 from holdfast.core.contract import NORMAL_AXIS, FloatArray
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ
 from holdfast.interop.evidence import Evidence, best
-from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
+from holdfast.interop.formats.streams import LOG_TIME, Column, Columns, is_text
 from holdfast.interop.words import (
     NO_UNIT,
     SIGNAL_UNITS,

@@ -23,16 +23,16 @@ from holdfast.core.errors import listed
 from holdfast.core.hand_card import too_many
 from holdfast.data.datasets.trials import action_of
 from holdfast.interop.evidence import Evidence
+from holdfast.interop.formats.streams import LOG_TIME, ForeignLog, text_cells
+from holdfast.interop.formats.tables import pd
+from holdfast.interop.formats.writing import thumb_sensors
 from holdfast.interop.joining import columns_of
 from holdfast.interop.labels import FoundLabels, labels_of, rules_of_table, timed
 from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import moved_most, oriented
-from holdfast.interop.streams import LOG_TIME, ForeignLog, text_cells
-from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.interop.words import NAMED, says
-from holdfast.interop.writing import thumb_sensors
 
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (

@@ -18,7 +18,7 @@ from holdfast.interop.columns import (
     is_part_of_second,
     rise_of,
 )
-from holdfast.interop.streams import (
+from holdfast.interop.formats.streams import (
     LOG_TIME,
     Column,
     Columns,
@@ -26,7 +26,7 @@ from holdfast.interop.streams import (
     Stream,
     is_text,
 )
-from holdfast.interop.tables import pd
+from holdfast.interop.formats.tables import pd
 from holdfast.interop.words import unit_of_time
 
 MOST_KEYS = 100

@@ -20,10 +20,16 @@ from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.data.datasets.trials import action_of
-from holdfast.interop.logs import LogPlace, read_log
+from holdfast.interop.formats.logs import LogPlace, read_log
+from holdfast.interop.formats.streams import (
+    Column,
+    Columns,
+    ForeignLog,
+    is_text,
+    text_cells,
+)
+from holdfast.interop.formats.tables import pd
 from holdfast.interop.map import EventRules, ImportMap
-from holdfast.interop.streams import Column, Columns, ForeignLog, is_text, text_cells
-from holdfast.interop.tables import pd
 from holdfast.interop.words import (
     END,
     ENDINGS,

@@ -18,8 +18,8 @@ from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, Flo
 from holdfast.core.errors import listed
 from holdfast.interop.columns import channels, rise_of
 from holdfast.interop.evidence import Evidence
-from holdfast.interop.streams import LOG_TIME, Columns, counted, is_text
-from holdfast.interop.tables import pd
+from holdfast.interop.formats.streams import LOG_TIME, Columns, counted, is_text
+from holdfast.interop.formats.tables import pd
 from holdfast.interop.words import FINGERS, NO_SENSOR, says
 
 _FINGER = "|".join(rf"((?<![a-z])(?:finger)?(?:{one})(?![a-z]))" for one in FINGERS)

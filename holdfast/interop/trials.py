@@ -33,11 +33,7 @@ from holdfast.interop.columns import (
     without_codes,
     without_jumps,
 )
-from holdfast.interop.joining import table_of
-from holdfast.interop.labels import clock_of, events_of, marks_of
-from holdfast.interop.map import NAMES, ImportMap
-from holdfast.interop.sensors import touch
-from holdfast.interop.streams import (
+from holdfast.interop.formats.streams import (
     FEWEST_ROWS,
     GAP_STEPS,
     Column,
@@ -46,9 +42,13 @@ from holdfast.interop.streams import (
     text_cells,
     unwrapped,
 )
-from holdfast.interop.tables import pd
+from holdfast.interop.formats.tables import pd
+from holdfast.interop.formats.writing import truth_of, write_csv
+from holdfast.interop.joining import table_of
+from holdfast.interop.labels import clock_of, events_of, marks_of
+from holdfast.interop.map import NAMES, ImportMap
+from holdfast.interop.sensors import touch
 from holdfast.interop.understood import Understood
-from holdfast.interop.writing import truth_of, write_csv
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""

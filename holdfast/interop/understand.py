@@ -30,10 +30,11 @@ from holdfast.interop.columns import (
     without_codes,
     without_jumps,
 )
+from holdfast.interop.formats.logs import SCALARS, LogPlace, find_logs, read_log
+from holdfast.interop.formats.streams import ForeignLog, counted, first_stream, merged
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import in_turn, table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import SCALARS, LogPlace, find_logs, read_log
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.sensors import (
@@ -44,7 +45,6 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
-from holdfast.interop.streams import ForeignLog, counted, first_stream, merged
 from holdfast.interop.understood import Answers, Sample, Understood
 
 FEWEST_ROWS = 100

@@ -11,10 +11,10 @@ from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.datasets.trials import action_of
 from holdfast.interop.beside import Files
 from holdfast.interop.evidence import Evidence
+from holdfast.interop.formats.logs import LogPlace
+from holdfast.interop.formats.streams import Columns, ForeignLog
 from holdfast.interop.labels import action_of_sentence
-from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
-from holdfast.interop.streams import Columns, ForeignLog
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from command_line import Run, imported
 from foreign_logs import Made, axes, made, write_log, write_text
 
 from holdfast.core.trial_file import read_trial
+from holdfast.interop.beside import paired
 from holdfast.interop.labels import (
     action_of_sentence,
     action_of_word,
     situation_of_word,
 )
-from holdfast.interop.beside import paired
 
 SLIP = ("--action", "slip")
 TWO = [f"P{k}_F{a}" for k in (0, 1) for a in "XYZ"]

@@ -25,7 +25,7 @@ from holdfast.core.errors import (
     count_of,
     needs_extra,
 )
-from holdfast.interop.layout import (
+from holdfast.interop.formats.layout import (
     COMMENTS,
     MISSING,
     SPACES,
@@ -33,7 +33,13 @@ from holdfast.interop.layout import (
     TableLayout,
     layout_of,
 )
-from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
+from holdfast.interop.formats.streams import (
+    Column,
+    Columns,
+    ForeignLog,
+    Stream,
+    is_text,
+)
 
 with needs_extra("train"):
     import pandas as pd

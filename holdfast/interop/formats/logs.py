@@ -15,9 +15,9 @@ import numpy as np
 
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
+from holdfast.interop.formats.streams import ForeignLog, Stream, counted, first_stream
+from holdfast.interop.formats.tables import begin_of
 from holdfast.interop.joining import united, whole_stamps, without_repeats
-from holdfast.interop.streams import ForeignLog, Stream, counted, first_stream
-from holdfast.interop.tables import begin_of
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
@@ -119,7 +119,9 @@ def read_log(place: LogPlace) -> ForeignLog:
 
     Raises LibraryMissing for its extra, or a DataError that names the file.
     """
-    reader = import_module(f"holdfast.interop.{MODULES.get(place.kind, 'tables')}")
+    reader = import_module(
+        f"holdfast.interop.formats.{MODULES.get(place.kind, 'tables')}"
+    )
     what = _what_it_is(place.path) if place.path.is_file() else "no table"
     if what != "no table":
         raise NotANumber(f"{place.path.name} is {what}", where=place.path)

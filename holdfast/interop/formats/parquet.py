@@ -19,8 +19,8 @@ from holdfast.core.contract import SITUATIONS, Json, channel_names, valid_names
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.interop.payload import NO_LABEL, TrialPayload
-from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
+from holdfast.interop.formats.payload import NO_LABEL, TrialPayload
+from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, text_column
 
 with needs_extra("parquet"):
     import pandas as pd

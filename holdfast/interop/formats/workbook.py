@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import DataError, needs_extra
-from holdfast.interop.layout import layout_of
-from holdfast.interop.streams import ForeignLog
-from holdfast.interop.tables import HEAD_LINES, pd, read_table
+from holdfast.interop.formats.layout import layout_of
+from holdfast.interop.formats.streams import ForeignLog
+from holdfast.interop.formats.tables import HEAD_LINES, pd, read_table
 
 with needs_extra("xlsx"):
     import openpyxl
