@@ -188,8 +188,8 @@ def unit_of(
 
     rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
-    some = np.nan_to_num(values[::7] - effects[0])
-    middle, change = float(np.median(normal)), float(np.quantile(np.abs(some), 0.99))
+    middle = float(np.median(normal))
+    change = float(np.nanquantile(np.abs(values[::7] - effects[0]), 0.99))
     sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
     if (np.nan_to_num(values[::7]) % 1 == 0).all():
         return Evidence("", f"whole numbers, {sizes}")
