@@ -21,9 +21,9 @@ from holdfast.core.errors import LibraryMissing, count_of
 from holdfast.core.writing import require_new, whole_folder
 
 WRITERS = {
-    "parquet": "holdfast.interop.parquet",
-    "mcap": "holdfast.interop.mcap_file",
-    "lerobot": "holdfast.interop.lerobot",
+    "parquet": "holdfast.interop.formats.parquet",
+    "mcap": "holdfast.interop.formats.mcap_file",
+    "lerobot": "holdfast.interop.formats.lerobot",
 }
 """Format -> the module that writes it and alone imports its library."""
 
@@ -57,7 +57,7 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 def run_convert(args: argparse.Namespace) -> int:
     """Read all trials, then write all of them or nothing."""
     writer = _writer(args.to)
-    from holdfast.interop.payload import read_payloads
+    from holdfast.interop.formats.payload import read_payloads
 
     # Files of two conversions in one folder could not be told apart.
     require_new(args.out)

@@ -88,8 +88,8 @@ def run_import(args: argparse.Namespace) -> int:
     begin = Stages()
     begin(f"looking at {args.source}")
     found = _understood(args, begin.part)
+    from holdfast.interop.formats.writing import write_beside
     from holdfast.interop.trials import TrialImport
-    from holdfast.interop.writing import write_beside
     from holdfast.training.check import examine, report_lines
 
     with whole_folder(args.out) as folder:

@@ -1,4 +1,4 @@
-"""For: other people's file formats: one module each, which alone imports that format's library.
+"""For: other people's files, in and out: formats/ reads and writes them, the rest understands logs.
 May import: data and below.
 Begin with: understand.py, what a foreign log says; trials.py makes trials of it.
 """

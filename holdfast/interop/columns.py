@@ -1,4 +1,4 @@
-"""What columns hold: words of their names, the time, the unit of the readings.
+"""What columns hold: the time, the unit of the readings.
 
 A time is what a heading calls so, or what rises in steps that are alike; a column of few values, a
 counter or a flag is none. A unit is what the names say, or what a press of people would be in.
@@ -7,7 +7,7 @@ counter or a flag is none. A unit is what the names say, or what a press of peop
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,18 +15,16 @@ from holdfast.core.column_map import NS_OF, TimeColumn
 from holdfast.core.contract import NORMAL_AXIS, FloatArray
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ
 from holdfast.interop.evidence import Evidence, best
-from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
+from holdfast.interop.formats.streams import LOG_TIME, Column, Columns, is_text
+from holdfast.interop.words import (
+    NO_UNIT,
+    SIGNAL_UNITS,
+    TIME,
+    meaning,
+    says,
+    unit_of_time,
+)
 
-TIME_WORDS = {
-    "time", "timestamp", "stamp", "t", "clock", "elapsed", "when", "date", "datetime", "zeit",
-    "temps", "tiempo", "tempo",
-}  # fmt: skip
-TIME_UNITS = {
-    "s": "s|secs?|seconds?",
-    "ms": "ms|msec|millis|milliseconds?",
-    "us": "[uµμ]s|usec|micros|microseconds?",
-    "ns": "ns|nsec|nanos|nanoseconds?",
-}
 JUMP = 2.0**16
 """Of a reading of 16 bits that goes over its end."""
 JUDGED_ROWS = 50_000
@@ -34,29 +32,11 @@ FEWEST_STAMPS = 20
 """A column with fewer values is no clock."""
 FASTEST_UNNAMED_HZ = 2000.0
 """Where no name says the unit: 4 rows a second in s are 4000 in ms."""
-CLOCK_NS = 10**10
+SECOND_NS = NS_OF["s"]
+CLOCK_NS = 10 * SECOND_NS
 """Dates and times of day are whole numbers of ns, and larger."""
-ALIKE, ALIKE_NAMED = 0.9, 0.6
-"""So large a share of a clock's steps are alike."""
-SIGNAL_UNITS = {
-    "N": "N|(?i:newtons?)",
-    "mN": "(?i:mn|millinewtons?)",
-    "cN": "(?i:cn|centinewtons?)",
-    "dN": "dN|(?i:decinewtons?)",
-    "kN": "(?i:kn|kilonewtons?)",
-    "gf": "g|(?i:gf|grams?)",
-    "kgf": "(?i:kgf?|kp|kilograms?)",
-    "lbf": "(?i:lbf?|lbs|pounds?)",
-    "ozf": "(?i:ozf?|ounces?)",
-    "uT": "(?i:[uµμ]t|microteslas?)",
-    "mT": "(?i:mt|milliteslas?)",
-    "G": "G|(?i:gs|gauss)",
-    "T": "T|(?i:teslas?)",
-    "count": "(?i:counts?|raw|adc|lsb|digits)",
-}
-"""Unit -> its words; G is gauss and g is gram."""
-NO_UNIT = "(?i)|f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrated)?|axis|mag|data"
-"""Words behind an axis that are no unit."""
+ALIKE, EVENLY = 0.6, 0.9
+"""So large a share of a clock's steps are alike; of one without a name."""
 FACTOR = re.compile(
     r"[\[(]([^\])]*\d\s*[^\W\d_]+|[^\W\d_]+\s*[*/x·×]\s*10*(?:\^-?\d+)?)[\])]"
 )
@@ -70,21 +50,6 @@ PRELOAD_N, PRELOAD_RANGE_N = 25.0, 7.0
 """At which the thesis' fingertips rest, N."""
 
 
-def words_of(name: str) -> set[str]:
-    """Lower-case words, also the parts of `thumbX`: thumb and x."""
-    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return {word.lower() for word in re.findall(r"[^\W\d_]+", f"{name} {parted}")}
-
-
-def _unit_in(words: Collection[str], units: Mapping[str, str]) -> str | None:
-    """The unit that words name."""
-    for unit, form in units.items():
-        if any(re.fullmatch(form, word) for word in words):
-            return unit
-
-    return None
-
-
 # -- time
 
 
@@ -95,22 +60,26 @@ def find_time(
 
     given_hz: of the command line, which wins over all columns. head_hz: as the lines above say.
     """
-    found: list[Evidence[TimeColumn] | None] = []
     counter = ""
+    clocks: list[Evidence[TimeColumn] | None] = []
     for name, column in columns.items():
         step, alike, counts = rise_of(column)
         if counts and not unit_of_time(name):
             counter = counter or name
         elif step:
-            found.append(_clock(name, column, step, alike))
+            clocks.append(_clock(name, column, step, alike))
+    if given_hz:
+        return _counted(counter, given_hz, "as given")
     if LOG_TIME in columns:
-        found.insert(0, Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log"))
-    for hz, why in ((given_hz, "as given"), (head_hz, "by the head of the log")):
-        if hz:
-            text = f"{counter} counts samples" if counter else "rows are counted"
-            rows = Evidence(TimeColumn(counter, None, hz), f"{text}, {hz:g} Hz, {why}")
-            found.insert(0 if why == "as given" else len(found), rows)
-    return best(*found)
+        return Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
+    of_head = _counted(counter, head_hz, "by the head of the log") if head_hz else None
+    return best(*clocks, of_head)
+
+
+def _counted(counter: str, hz: float, why: str) -> Evidence[TimeColumn]:
+    """Rows at a rate; counter: a column that counts them, "" for none."""
+    text = f"{counter} counts samples" if counter else "rows are counted"
+    return Evidence(TimeColumn(counter, None, hz), f"{text}, {hz:g} Hz, {why}")
 
 
 def _clock(
@@ -121,26 +90,26 @@ def _clock(
     One that is called so, or has no name: another quantity may rise evenly, too.
     """
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
-    unit_named = unit_of_time(name)
-    is_named = bool(unit_named or words_of(name) & TIME_WORDS)
-    is_known = is_named or is_date or name.startswith("column")
-    if FACTOR.search(name) or not is_known:
+    named = unit_of_time(name)
+    is_named = bool(named) or says(name, TIME)
+    falls = np.count_nonzero(np.diff(column) < 0) > 1
+    is_part = falls and is_part_of_second(column, NS_OF.get(named or "", 0))
+    if FACTOR.search(name) or is_part:
         return None
-    column = column[:JUDGED_ROWS]
-    kinds = len(np.unique(column))
-    is_few = kinds < FEWEST_STAMPS and not (is_date and is_named)
-    # an unnamed one has a value for each row
-    is_other = not (is_named or is_date)
-    is_few |= is_other and kinds < 0.9 * len(column)
-    if is_few or alike < (ALIKE_NAMED if is_named else ALIKE):
-        return None
-    units = [unit_named] if unit_named else ["ns"] if is_date else [*NS_OF]
-    fastest = FASTEST_HZ if unit_named else FASTEST_UNNAMED_HZ
-    for unit in units:
+    n_values = len(np.unique(column[:JUDGED_ROWS]))
+    if is_named or is_date:
+        is_clock = alike > ALIKE and (n_values >= FEWEST_STAMPS or is_date)
+    else:
+        # an unnamed one has a value for each row
+        n_rows = len(column[:JUDGED_ROWS])
+        is_clock = name.startswith("column") and min(alike, n_values / n_rows) > EVENLY
+    units = [named] if named else ["ns"] if is_date else [*NS_OF]
+    fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
+    for unit in units if is_clock else ():
         hz = 1e9 / (step * NS_OF[unit])
         if SLOWEST_HZ <= hz <= fastest:
             why = f"{name}, {hz:.4g} Hz, in {unit}"
-            is_certain = is_named and (unit_named or is_date)
+            is_certain = is_named and (named or is_date)
             check = "" if is_certain else "rises in steps that are alike"
             return Evidence(TimeColumn(name, unit), why, check)  # type: ignore[arg-type]
 
@@ -154,6 +123,9 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
     """
     first = np.zeros(2) if is_text(column) else column[:JUDGED_ROWS].astype(np.float64)
     values = first[np.isfinite(first)]
+    if len(values) and values[-1] < values[0] and np.median(np.diff(values)) < 0:
+        # the newest row may stand first
+        values = values[::-1]
     steps = np.diff(values)
     if len(values) < 0.9 * len(first) or not steps.any() or np.mean(steps < 0) > 0.05:
         return 0.0, 0.0, False
@@ -166,9 +138,10 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
     return step, float(alike), bool(np.mean(steps == 1.0) > 0.9)
 
 
-def unit_of_time(name: str) -> str | None:
-    """The unit that a name of time has."""
-    return _unit_in(words_of(name), TIME_UNITS)
+def is_part_of_second(column: Column, unit_ns: int) -> bool:
+    """Whether whole numbers in a unit of time stay below a second."""
+    is_within = (column >= 0) & (column * unit_ns < SECOND_NS)
+    return 0 < unit_ns < SECOND_NS and bool(is_within.all())
 
 
 def usual_step(values: FloatArray) -> float:
@@ -189,46 +162,47 @@ def usual_step(values: FloatArray) -> float:
 
 def unit_of(
     names: Sequence[str], values: FloatArray, effects: FloatArray, head: str = ""
-) -> Evidence[str] | str:
-    """The unit of channels [T, C] by their names, such as `x [mN]`; else what is not clear of it.
+) -> Evidence[str]:
+    """The unit of channels [T, C] by their names, such as `x [mN]`; "" where it must be asked.
 
     By the size of a press, where no unit is written and a press of people fits one unit only.
     effects [2, C]: of a touch. head: words for it in the head of the log.
     """
-    in_head = [word for word in head.split() if not unit_of_time(word)] or [""]
-    written = set()
-    for behind in map(_unit_behind, names):
-        written |= {behind} if behind else {*in_head}
-    known = {_unit_in([word], SIGNAL_UNITS) for word in written}
-    if (
-        known != {None}
-        or {""} != written <= {*in_head}
-        or (len(written) == 1 and written != {""})
-    ):
-        unit = known.pop() if len(known) == 1 else None
-        words = ", ".join(sorted(written))
-        return (
-            Evidence(unit, f"{words} in names or head")
-            if unit
-            else f"the log says {words}"
+    written = {*map(_unit_behind, names)}
+    if written == {""}:
+        # also the units of other quantities stand in a head
+        written = {word for word in head.split() if not unit_of_time(word)} or {""}
+        is_unit = written != {""}
+    else:
+        # words that differ from name to name may be those of sensors
+        is_unit = len(written) == 1 or any(
+            meaning(one, SIGNAL_UNITS) for one in written
         )
+    if is_unit:
+        units = {meaning(word, SIGNAL_UNITS) for word in written}
+        words = ", ".join(sorted(written))
+        unit = units.pop()
+        if units or unit is None:
+            return Evidence("", f"the log says {words}")
+        return Evidence(unit, f"{words} in names or head")
 
     rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
     middle = float(np.median(normal))
     change = float(np.nanquantile(np.abs(values[::7] - effects[0]), 0.99))
     sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
-    is_whole = (np.nan_to_num(values[::7]) % 1 == 0).all()
+    if (np.nan_to_num(values[::7]) % 1 == 0).all():
+        return Evidence("", f"whole numbers, {sizes}")
     for unit, size in (("N", 1.0), ("mN", 1e3)):
         # the thesis' fingertips rest under a load on the normal alone
         is_loaded = np.abs(normal / size - PRELOAD_N) < PRELOAD_RANGE_N
         is_loaded &= shear.max(axis=1) < 0.2 * normal
         is_at_rest = middle < TARED * change or is_loaded.mean() >= 0.5
         is_press = PRESS_N[0] < change / size < PRESS_N[1]
-        if is_at_rest and is_press and not is_whole and not FIELD.search(names[0]):
+        if is_at_rest and is_press and not FIELD.search(names[0]):
             bounds = f"a press lies between {PRESS_N[0]:g} and {PRESS_N[1]:g} N"
             return Evidence(unit, f"by size, {sizes}", bounds)
-    return f"{'whole numbers, ' if is_whole else ''}{sizes}"
+    return Evidence("", sizes)
 
 
 def _unit_behind(name: str) -> str:

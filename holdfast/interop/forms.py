@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import astuple
 from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import SensorColumns
@@ -21,31 +22,18 @@ from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF, valid_names
 from holdfast.core.errors import listed
 from holdfast.core.hand_card import too_many
 from holdfast.data.datasets.trials import action_of
-from holdfast.interop.columns import words_of
-from holdfast.interop.evidence import Evidence, best
-from holdfast.interop.labels import (
-    ROW,
-    FoundLabels,
-    action_of_sentence,
-    labels_of,
-    rules_of_table,
-    timed,
-)
-from holdfast.interop.logs import SCALARS, other_word, paired
+from holdfast.interop.evidence import Evidence
+from holdfast.interop.formats.streams import LOG_TIME, ForeignLog, text_cells
+from holdfast.interop.formats.tables import pd
+from holdfast.interop.formats.writing import thumb_sensors
+from holdfast.interop.joining import columns_of
+from holdfast.interop.labels import FoundLabels, labels_of, rules_of_table, timed
 from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import moved_most, oriented
-from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
-from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
+from holdfast.interop.words import NAMED, says
 
-NAMED = {
-    "person": {"person", "subject", "participant", "user"},
-    "object": {"object", "item", "obj"},
-    "action": {"action", "condition", "task", "outcome", "result"},
-    "column": {"trial", "run", "episode", "rep", "repetition", "recording", "sheet"},
-}
-"""Words of columns that hold what a trial is called by, or its number."""
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
@@ -75,46 +63,41 @@ class Form:
 
         No map is added while the time or the unit is asked for: it could not be written down.
         """
-        first, answers, add = self.samples[0], self.answers, self.found.add
+        first, answers, found = self.samples[0], self.answers, self.found
         names, time = first.names, first.time
+        n_sensors = len(first.sensors.value)
         if time is None:
-            self.found.ask("--rate", HOW_MANY_ROWS)
-        add("time", time or "not known")
+            found.ask("--rate", HOW_MANY_ROWS)
+        found.add("time", time or "not known")
         spelled = f"{', '.join(names[:3])} to {', '.join(names[-3:])}"
-        add("sensors", f"{len(names) // 3}, {first.sensors}: {spelled}")
-        wrong = too_many(len(names) // 3)
+        found.add("sensors", f"{n_sensors}, {first.sensors}: {spelled}")
+        wrong = too_many(n_sensors)
         if wrong:
-            add("note", f"{wrong}: take those out of the map that do not matter")
+            found.add("note", f"{wrong}: take those out of the map that do not matter")
+        n_thumb = thumb_sensors(first.sensors.value)
+        if n_thumb:
+            sides = f"the first {n_thumb} on the thumb's side"
+            found.add("hand", f"proposed, {sides}: correct hand.toml of the set")
         trials, actions = self._trial_rules()
         labels = self._labels(trials)
         unit, sensors = self._hand(labels)
         of_paths = names_of_paths([one.log.name for one in self.samples], answers)
         for key, words in of_paths.names.items():
-            add("names", f"{key}: {listed(words, 6)}")
+            found.add("names", f"{key}: {listed(words, 6)}")
         for question in of_paths.questions:
-            self.found.ask(*question)
+            found.ask(*question)
         for word in of_paths.names.get("action", ()):
-            actions[word] = answers.actions.get(word) or str(action_of_sentence(word))
+            actions[word] = str(answers.meaning(word))
 
-        about = all(one.log.about.get("action") for one in self.samples)
-        if not (labels or answers.whole_action or about or actions):
-            self.found.ask("--action", WHAT_HAPPENS)
-        rules = labels.rules if labels else EventRules(column=LOG_TIME)
-        used = {
-            time.value.column if time else "",
-            *(rules.column, rules.start, rules.end, rules.label, rules.trial),
-            *(trials.column, trials.person, trials.object, trials.action),
-            *valid_names(len(names) // 3),
-        }
-        there = merged(first.log) | first.columns
-        unused = [name for name in there if name not in (*used, LOG_TIME)]
-        if unused:
-            add("not used", listed(unused, most=12))
+        is_said = labels or answers.whole_action or actions
+        if not (is_said or all(one.log.about.get("action") for one in self.samples)):
+            found.ask("--action", WHAT_HAPPENS)
+        self._name_unused(trials, labels)
         if time is None or not unit:
             return
-        facts = {}
-        for key in NAMES[:2]:
-            facts[key] = "" if f"{{{key}}}" in of_paths.path else getattr(answers, key)
+        said = {
+            key: getattr(answers, key) for key in NAMES[:2] if key not in of_paths.names
+        }
         given = {word: action for word, action in answers.actions.items() if action}
         # what is called as we call it needs no line
         others = {
@@ -125,23 +108,35 @@ class Form:
             time=time.value,
             sensors=tuple(sensors),
             trials=changed(trials, path=of_paths.path),
-            facts=Facts(action=answers.whole_action, **facts),  # type: ignore[arg-type]
+            facts=Facts(action=answers.whole_action, **said),
             actions=dict(sorted(others.items())) | given,
             events=labels.rules if labels else None,
             unwrap=answers.unwrap,
         )
-        files = {one.log.name: one.files for one in self.samples}
-        self.found.plans.append((plan, files))
+        found.plans.append((plan, {one.log.name: one.files for one in self.samples}))
+
+    def _name_unused(self, trials: TrialRules, labels: FoundLabels | None) -> None:
+        """Add a line of the columns that are neither readings nor names, time or labels."""
+        first = self.samples[0]
+        rules = labels.rules if labels else EventRules(column=LOG_TIME)
+        used = [LOG_TIME, *first.names, *valid_names(len(first.sensors.value))]
+        used += [*astuple(trials), *astuple(rules)]
+        used += [first.time.value.column] if first.time else []
+        own = [one for one in first.log.streams if "*" not in one.name]
+        there = [*(name for one in own for name in one.columns), *first.columns]
+        unused = [name for name in dict.fromkeys(there) if name not in used]
+        if unused:
+            self.found.add("not used", listed(unused, most=12))
 
     def _hand(self, labels: FoundLabels | None) -> tuple[str, list[SensorColumns]]:
-        """(unit, "" where it is not known; the sensors with their signs), and what is asked."""
-        first, answers, ask = self.samples[0], self.answers, self.found.ask
+        """(unit, "" where it is asked; the sensors with their signs)."""
+        first, answers, found = self.samples[0], self.answers, self.found
         effects = np.median([one.effects for one in self.samples], axis=0)
-        cells = first.columns.get(labels.rules.column) if labels else None
-        begin = "" if cells is None else text_cells(cells[:1])[0]
-        if labels and labels.rules.labels.get(begin, "") not in ("", "nothing"):
-            # the hand is closed in the first rows: what a touch changes is not seen
-            effects[1:] = 0.0
+        if labels and labels.rules.column in first.columns:
+            begin = text_cells(first.columns[labels.rules.column][:1])[0]
+            if labels.rules.labels.get(begin, "") not in ("", "nothing"):
+                # the hand is closed in the first rows: what a touch changes is not seen
+                effects[1:] = 0.0
 
         sensors = first.sensors.value
         axis = moved_most(effects[1].reshape(-1, 3))
@@ -152,21 +147,18 @@ class Form:
             sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
         elif axis != NORMAL_AXIS:
             most = f"a touch moves {AXES[axis]} most, the names say z"
-            ask("--normal", f"{most}: which axis is normal? x, y, z")
+            found.ask("--normal", f"{most}: which axis is normal? x, y, z")
 
-        unit = best(
-            Evidence(answers.unit, "as given") if answers.unit else None,
-            first.unit if isinstance(first.unit, Evidence) else None,
-        )
-        if unit is None:
-            what = f"what unit have the readings ({first.unit})"
-            ask("--unit", f"{what}? nothing says it: {', '.join(UNIT_OF)}")
+        unit = Evidence(answers.unit, "as given") if answers.unit else first.unit
+        if not unit.value:
+            what = f"what unit have the readings ({unit})"
+            found.ask("--unit", f"{what}? nothing says it: {', '.join(UNIT_OF)}")
             return "", sensors
 
-        self.found.add("unit", f"{unit.value}, {unit}")
+        found.add("unit", f"{unit.value}, {unit}")
         signed = oriented(sensors, effects, unit.value, axis)
         if signed != sensors:
-            self.found.add("signs", "turned where a press lowers the normal reading")
+            found.add("signs", "turned where a press lowers the normal reading")
         return unit.value, signed
 
     # -- trials
@@ -176,25 +168,25 @@ class Form:
         rules: dict[str, str] = {}
         actions: dict[str, str] = {}
         for name, column in self.samples[0].columns.items():
-            words = words_of(name)
-            key = next((key for key, of_key in NAMED.items() if words & of_key), "")
-            if not key or key in rules or (key in NAMES and getattr(self.answers, key)):
+            key = next((key for key, words in NAMED.items() if says(name, words)), "")
+            is_given = key in NAMES and getattr(self.answers, key)
+            if not key or key in rules or is_given:
                 continue
-            with_it = [one.columns[name] for one in self.samples if name in one.columns]
-            kinds = {word for one in with_it for word in text_cells(pd.unique(one))} - {
-                ""
-            }
-            if key == "action":
-                meant = {
-                    word: self.answers.actions.get(word) or action_of_sentence(word)
-                    for word in kinds
-                }
-                if None in meant.values() or not meant:
-                    continue
-                actions = {word: str(action) for word, action in meant.items()}
+            kinds = {*self._cells(name, only_once=True)} - {""}
+            meant = {word: self.answers.meaning(word) for word in kinds}
+            if key == "action" and (None in meant.values() or not meant):
+                continue
             if len(kinds) <= max(1, len(column) // 20):
                 rules[key] = name
+            if key == "action":
+                actions = {word: str(action) for word, action in meant.items()}
         return TrialRules(fingers=self.fingers, **rules), actions
+
+    def _cells(self, name: str, only_once: bool = False) -> list[str]:
+        """The cells of a column of all logs that have it, one after the other."""
+        columns = [one.columns[name] for one in self.samples if name in one.columns]
+        whole = [pd.unique(one) for one in columns] if only_once else columns
+        return [cell for one in whole for cell in text_cells(one)]
 
     # -- labels
 
@@ -206,19 +198,12 @@ class Form:
         if found is None:
             return None
         rules = found.rules
-        where = f"column {rules.column}" if rules.column else rules.file
-        times = ""
+        where = f"column {rules.column}"
         if rules.file:
-            parts = listed(
-                [*filter(None, [rules.start, rules.end, rules.label, rules.trial])]
-            )
-            fits = (
-                ", checked: the last event lies within a log"
-                if rules.unit != ROW
-                else ""
-            )
-            times = f": {parts}, in {rules.unit}{fits}"
-        self.found.add("labels", f"{where}{times}; {found.text}")
+            named = filter(None, [rules.start, rules.end, rules.label, rules.trial])
+            times = f"in {rules.unit}, checked: the last event lies within a log"
+            where = f"{rules.file}: {listed([*named])}, {times}"
+        self.found.add("labels", f"{where}; {found.text}")
         if found.unknown:
             words = listed([repr(one) for one in found.unknown], most=8)
             answer = ",".join(f"{one}=slip" for one in found.unknown[:1])
@@ -228,13 +213,10 @@ class Form:
 
     def _of_columns(self, trials: TrialRules) -> list[FoundLabels]:
         """What the columns of labels mean."""
-        names = {trials.column, trials.person, trials.object, trials.action}
         labels: list[FoundLabels] = []
         for name in dict.fromkeys(key for one in self.samples for key in one.marks):
-            with_it = [one for one in self.samples if name in one.columns]
-            cells = [cell for one in with_it for cell in text_cells(one.columns[name])]
-            found = labels_of(name, cells, self.answers.situations)
-            labels += [found] if found and name not in names else []
+            found = labels_of(name, self._cells(name), self.answers.situations)
+            labels += [found] if found and name not in astuple(trials) else []
         return labels
 
     def _of_tables(self, trials: TrialRules) -> list[FoundLabels]:
@@ -245,38 +227,36 @@ class Form:
         their column of trials. Tables beside a log each are one, with the labels of all.
         """
         first = self.samples[0]
-        root = self.source if self.source.is_dir() else self.source.parent
         keys = {key for sample in self.samples for key in sample.log.keys}
-        if trials.column:
-            keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
-        pairs = paired(
-            [one.log.name for one in self.samples], [one.name for one in self.tables]
-        )
-        log_of = {table: log for log, table in pairs.items()}
-        parts: dict[tuple[str, str], list[pd.DataFrame]] = {}
-        for log in [*self.tables, first.log]:
-            file = log.path.relative_to(root).as_posix()
-            if log.name in log_of:
-                word = other_word(log_of[log.name], log.name)
-                file = f"*{word}*{log.path.suffix}".replace("**", "*")
-            for stream in log.streams:
-                if stream.t_ns is None:
-                    table = pd.DataFrame(stream.columns)
-                    parts.setdefault((file, stream.name), []).append(table)
+        keys |= {*map(str.casefold, self._cells(trials.column, only_once=True))}
+        spans_s = [one.span_s for one in self.samples]
         labels: list[FoundLabels] = []
-        for (file, title), tables in parts.items():
-            whole = pd.concat(tables, join="inner")
-            columns = {str(name): cells.to_numpy() for name, cells in whole.items()}
+        for (file, *_), whole in self._tables().items():
+            columns = columns_of(whole)
             found = rules_of_table(columns, keys, file, self.answers.situations)
-            is_paired = "*" in file or (root / file) == first.log.path
-            if found and (found.rules.trial or is_paired):
-                spans_s = [one.span_s for one in self.samples]
+            is_own = "*" in file or file == first.log.path.name
+            if found and (found.rules.trial or is_own):
                 rules = timed(found.rules, columns, spans_s)
-                labels.append(replace(found, rules=rules))
-            elif title or not file.endswith(SCALARS):
+                if rules is None:
+                    what = f"{found.rules.start} of {file} lies in no log in {found.rules.unit}"
+                    self.found.ask("--map", f"{what}: write unit and zero of [events]")
+                labels.append(replace(found, rules=rules or found.rules))
+            elif not columns.keys() <= first.columns.keys():
                 # facts are columns of their log
                 self.found.add("not used", f"{file} (columns {listed([*columns])})")
         return labels
+
+    def _tables(self) -> dict[tuple[str, ...], pd.DataFrame]:
+        """The file, or what the files beside all logs are called, and columns -> a table."""
+        root = self.source if self.source.is_dir() else self.source.parent
+        parts: dict[tuple[str, ...], list[pd.DataFrame]] = {}
+        for log in [*self.tables, *(one.log for one in self.samples)]:
+            for stream in log.streams:
+                file = log.path.relative_to(root).as_posix()
+                place = (stream.name if "*" in stream.name else file, *stream.columns)
+                if stream.t_ns is None:
+                    parts.setdefault(place, []).append(pd.DataFrame(stream.columns))
+        return {place: pd.concat(tables) for place, tables in parts.items()}
 
 
 def _rank(found: FoundLabels) -> tuple[bool, int, bool]:

@@ -9,10 +9,8 @@ something begins holds until the next one. Whatever marks it, the events of a tr
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -22,71 +20,47 @@ from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.data.datasets.trials import action_of
-from holdfast.interop.columns import TIME_WORDS, unit_of_time, words_of
-from holdfast.interop.logs import LogPlace, paired, read_log
+from holdfast.interop.formats.logs import LogPlace, read_log
+from holdfast.interop.formats.streams import (
+    Column,
+    Columns,
+    ForeignLog,
+    is_text,
+    text_cells,
+)
+from holdfast.interop.formats.tables import pd
 from holdfast.interop.map import EventRules, ImportMap
-from holdfast.interop.streams import Column, Columns, is_text, text_cells
-from holdfast.interop.tables import pd
+from holdfast.interop.words import (
+    END,
+    ENDINGS,
+    FILLERS,
+    LABEL,
+    LENGTH,
+    OFF,
+    OUTCOMES,
+    OVER,
+    ROWS,
+    SITUATIONS,
+    START,
+    TIME_UNITS,
+    TRIAL,
+    meaning,
+    says,
+    unit_of_time,
+)
 
 ROW = "row"
-ROW_WORDS = {"row", "rows", "index", "sample"}
-LABEL_WORDS = {
-    "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
-    "annotation", "class", "slip", "slipping", "status", "trigger", "what", "was", "type",
-}  # fmt: skip
-TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
-START_WORDS = {
-    "start",
-    "begin",
-    "from",
-    "von",
-    "onset",
-    "t0",
-    "at",
-    "first",
-} | TIME_WORDS
-LENGTH_WORDS = {"duration", "length"}
-END_WORDS = {
-    "end",
-    "stop",
-    "to",
-    "bis",
-    "until",
-    "offset",
-    "finish",
-    "t1",
-    "last",
-} | LENGTH_WORDS
-TRACK = ({"start"}, {"end"}, {"label"})
-"""What the columns of a track of labels are, which has no heading."""
-HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
-OUTCOMES = {
-    "grasp": HELD,
-    "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",
-    "risky_slip": "risky|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
-}
-"""Situation -> its words, which also name a whole trial."""
-SITUATION_WORDS = {
-    **OUTCOMES,
-    "": "unlabel|unknown|none|ignore",
-    "nothing": "nothing|no contact|open|empty|idle|rest|free|no touch",
-    "grasp": f"{HELD}|grasp|hold|grip|contact|lift|carry|touch",
-}
-"""Situation -> words in labels that mean it."""
-FILLERS = START_WORDS | {
-    "is", "has", "the", "a", "object", "hand", "phase", "state", "label", "labels", "event",
-    "class", "flag", "gt", "truth", "data", "gross",
-}  # fmt: skip
-"""Words beside them that change nothing."""
-ENDINGS = "(?:s|es|d|[a-z]?ed|[a-z]?ing)?"
-"""Of a word in another form: slips, slipped, slipping."""
-ENDS = {"end", "stop", "finish", "off", "offset"}
-OFF = {"", "0", "no", "false", "off", "n", "f", ".", "-", "none", "nein", "non"}
-"""What stands where a mark is not."""
 MOST_CODE = 1000
 """Numbers that mark a situation are smaller; those of a clock are not."""
 ACTION_OF_SITUATION = {"grasp": "hold", "risky_slip": "slip", "safe_slip": "pass"}
 MOST_LABELS = 40
+LATE = 1.1
+"""An event lies within a log as long as this, of its length."""
+_OUTCOMES, _SITUATIONS = (
+    {key: f"(?:(?:{words}){ENDINGS} ?)+" for key, words in meanings.items()}
+    for meanings in (OUTCOMES, SITUATIONS)
+)
+"""Situation -> pattern of a text whose words all mean it."""
 EVENT = {"start": np.nan, "end": np.nan, "label": "", "trial": ""}
 """The columns of a table of events, and what stands in a column that a table has not."""
 NO_EVENTS = pd.DataFrame(columns=[*EVENT], dtype=object)
@@ -100,25 +74,19 @@ def situation_of_word(label: str) -> str | None:
     """
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", label).lower()
     words = re.findall(r"[a-z]+", parted)
-    if len(words) > 1 and ENDS & {words[0], words[-1]}:
+    ends = [word for word in (*words[:1], *words[-1:]) if re.fullmatch(OVER, word)]
+    if len(words) > 1 and ends:
         return ""
-    kept = [word for word in words if word not in FILLERS and not unit_of_time(word)]
-    return _meaning(" ".join(kept), SITUATION_WORDS)
+    fillers = "|".join([FILLERS, *TIME_UNITS.values()])
+    kept = [word for word in words if not re.fullmatch(fillers, word)]
+    return meaning(" ".join(kept), _SITUATIONS)
 
 
 def action_of_word(word: str) -> str | None:
     """The action that a whole word of a path or a column means; None where it says nothing."""
     plain = re.sub(r"[^a-z]+", " ", word.lower()).strip()
-    situation = _meaning(plain, OUTCOMES)
+    situation = meaning(plain, _OUTCOMES)
     return action_of(word) or ACTION_OF_SITUATION.get(situation or "")
-
-
-def _meaning(words: str, meanings: Mapping[str, str]) -> str | None:
-    """The situation that all of some words mean; None where they do not mean one."""
-    for situation, known in meanings.items():
-        if re.fullmatch(rf"(?:(?:{known}){ENDINGS} ?)+", words):
-            return situation
-    return None
 
 
 def action_of_sentence(text: str) -> str | None:
@@ -156,7 +124,7 @@ def is_mark(name: str, column: Column) -> bool:
     if (cells % 1 != 0).any() or (np.abs(cells) >= MOST_CODE).any():
         return False
     kinds = len(pd.unique(cells))
-    is_named = bool(words_of(name) & LABEL_WORDS)
+    is_named = says(name, LABEL)
     seldom = np.count_nonzero(np.diff(cells)) < 0.1 * len(column)
     return bool(seldom) and (1 < kinds <= 8 or (kinds == 1 and is_named))
 
@@ -172,45 +140,40 @@ def labels_of(
     kinds = [*dict.fromkeys(cells)]
     if len(kinds) > MOST_LABELS:
         return None
+    off = [kind for kind in kinds if re.fullmatch(OFF, kind.lower())]
     labels = _by_words(kinds, known)
-    # a label in a row or two lasts on; the value of most rows says that nothing begins there
-    every = np.array(cells, dtype=object)
-    usual = _usual(every)
-    marked = every != usual
-    hold = not labels.get(usual) and bool(0 < marked.sum() <= 2 * _begins(marked).sum())
-    off = [kind for kind in kinds if kind.lower() in OFF]
     about = situation_of_word(name) if "slip" in name.lower() else None
     if about and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
-        mark = next((kind for kind in kinds if kind not in off), "1")
-        no = "".join(off) or "0"
-        on, no = (no, mark) if about == "grasp" else (mark, no)
-        labels = {no: "", on: "risky_slip"}
-    # what says no says that nothing happens
-    labels = {kind: "" for kind in off if kind} | labels
-    if hold and not labels.get(usual):
-        labels.pop(usual, None)
-        kinds.remove(usual)
-    unknown = [kind for kind in kinds if kind not in ("", *labels)]
-    if not any(labels.values()) and not (unknown and words_of(name) & LABEL_WORDS):
+        on = [kind for kind in kinds if kind not in off] or ["1"]
+        no = [*filter(None, off)] or ["0"]
+        if about == "grasp":
+            on, no = no, on
+        labels = dict.fromkeys(no, "") | dict.fromkeys(on, "risky_slip")
+    # a label in a row or two lasts on
+    marked = ~is_off(cells)
+    begins = marked & ~np.append(False, marked[:-1])
+    hold = bool(0 < marked.sum() <= 2 * begins.sum())
+    if hold:
+        labels = {kind: meaning for kind, meaning in labels.items() if kind not in off}
+    else:
+        labels = dict.fromkeys(filter(None, off), "") | labels
+    unknown = [kind for kind in kinds if kind not in labels and kind not in off]
+    if not any(labels.values()) and not (unknown and says(name, LABEL)):
         return None
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
     return FoundLabels(rules, unknown)
+
+
+def is_off(cells: Sequence[str] | np.ndarray) -> np.ndarray:
+    """[T] where a cell says that nothing is marked there."""
+    off: np.ndarray = pd.Series(cells).str.lower().str.fullmatch(OFF).to_numpy()
+    return off
 
 
 def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
     """Label -> situation, "" for none, as given or by its words; none where they say nothing."""
     meanings = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
     return {kind: meaning for kind, meaning in meanings.items() if meaning is not None}
-
-
-def _usual(cells: np.ndarray) -> str:
-    """The value of most rows."""
-    return str(Counter(cells.tolist()).most_common(1)[0][0])
-
-
-def _begins(on: np.ndarray) -> np.ndarray:
-    """[T] the first rows of runs in which something is on."""
-    return on & ~np.append(False, on[:-1])
 
 
 # -- what a table of events means
@@ -223,27 +186,23 @@ def rules_of_table(
 
     A row is an event: when it starts, when it ends or how long it lasts, what it is, and which
     trial it is of. A table without labels is of one kind, by the name of the column or the file.
-    keys: what logs are called, in small letters. Unit and zero come later.
+    keys: what logs are called, in small letters. The zero of its times comes later.
     """
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
-    words = {}
-    for name in columns:
-        # t0 and t1 are words as well
-        words[name] = words_of(name) | {*re.split(r"[\W_]", name.lower())}
-    if "column1" in columns:
-        words |= zip([*numbers[:2], *texts], TRACK, strict=False)
-    start = _named(numbers, words, START_WORDS | ROW_WORDS)
+    start, end, label = (*numbers[:2], *texts, "", "", "")[:3]
+    if "column1" not in columns:
+        # else it has no heading, as a track of labels
+        start = _named(numbers, f"{START}|{ROWS}")
+        end = _named([name for name in numbers if name != start], END)
+        label = _named(texts, LABEL)
     if not start:
         return None
-    end = _named([name for name in numbers if name != start], words, END_WORDS)
-    about = situation_of_word(start) or ""
-    label = "" if about else _named(texts, words, LABEL_WORDS)
+    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
+    label = "" if situation_of_word(start) else label
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
-    labels = _by_words(kinds, known)
-    if not label:
-        labels = {"": about or situation_of_word(Path(file).stem) or ""}
+    labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
     # words that say nothing are labels where an end stands beside them
     is_known = any(labels.values()) or (unknown and end)
@@ -255,6 +214,7 @@ def rules_of_table(
         start=start,
         end=end,
         label=label,
+        unit=ROW if says(start, ROWS) else unit_of_time(start) or "s",  # type: ignore[arg-type]
         hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
@@ -264,74 +224,59 @@ def rules_of_table(
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     """Whether cells are what logs are called by; numbers are so only by the column's name."""
     found = keys & {*map(str.casefold, text_cells(columns[name]))}
-    if words_of(name) & TRIAL_WORDS:
+    if says(name, TRIAL):
         return bool(found)
     return is_text(columns[name]) and len(found) > 1
 
 
-def _named(
-    names: Sequence[str], words: Mapping[str, set[str]], wanted: set[str]
-) -> str:
-    """The first name that has one of the words; "" for none."""
-    return next((name for name in names if words[name] & wanted), "")
+def _named(names: Sequence[str], wanted: str) -> str:
+    """The first name that has one of some words; "" for none."""
+    return next((name for name in names if says(name, wanted)), "")
 
 
 def timed(
     rules: EventRules, columns: Columns, spans_s: Sequence[tuple[float, float]]
-) -> EventRules:
-    """The rules of a table with the unit of its times, and whether they count from a log's begin.
+) -> EventRules | None:
+    """The rules of a table that count its times from a log's begin, or by its clock.
 
-    spans_s: of the logs. The first unit counts with which the last event lies within one.
+    spans_s: of the logs. None where the last event lies in no log either way.
     """
-    if words_of(rules.start) & ROW_WORDS:
-        return changed(rules, unit=ROW)
     latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
-    lasts_s = max(last_s - first_s for first_s, last_s in spans_s)
-    begins_s, ends_s = min(spans_s)[0], max(spans_s)[1]
-    named = unit_of_time(rules.start)
-    for unit in (named,) if named else NS_OF:
-        latest_s = latest * NS_OF[unit] * 1e-9
-        if 0.02 * lasts_s < latest_s <= 1.1 * lasts_s:
-            return changed(rules, unit=unit)
-        if begins_s < latest_s <= ends_s + 0.1 * lasts_s:
-            return changed(rules, unit=unit, zero="clock")
-
-    return changed(rules, unit=named or "s")
+    latest_s = latest * NS_OF.get(rules.unit, 1) * 1e-9
+    begins_s, ends_s = np.transpose(spans_s)
+    lasts_s = max(ends_s - begins_s)
+    if rules.unit == ROW or latest_s <= LATE * lasts_s:
+        return rules
+    is_within = min(begins_s) < latest_s <= max(ends_s) + (LATE - 1.0) * lasts_s
+    return changed(rules, zero="clock") if is_within else None
 
 
 # -- the events of a trial
 
 
-def tables_of(
-    rules: EventRules | None, source: Path, files: Mapping[str, Sequence[LogPlace]]
-) -> dict[str, Path]:
-    """The name of a log -> the file of its events, where the rules name one for it."""
-    if rules is None or not rules.file:
-        return {}
-    root = source if source.is_dir() else source.parent
-    if "*" not in rules.file:
-        return dict.fromkeys(files, root / rules.file)
-    tables = {}
-    for path in sorted(root.rglob("*")):
-        place = path.relative_to(root)
-        if fnmatch(place.as_posix(), rules.file):
-            tables[place.with_suffix("").as_posix()] = path
-    # a table that was taken for a log is none; that of a workbook may be its own
-    logs = [
-        name for name, (one, *_) in files.items() if one.path not in tables.values()
-    ]
-    pairs = paired(logs or [*files], [*tables])
-    return {log: tables[table] for log, table in pairs.items()}
+def events_of(
+    log: ForeignLog, plan: ImportMap, source: Path
+) -> tuple[pd.DataFrame, Path]:
+    """(the events of a log, where they stand), in the unit of the rules, with the columns of EVENT.
 
-
-def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
-    """The events of a table, in the unit of the rules, with the columns of EVENT.
-
-    A trial without an event has a row without a start. Raises ColumnError or LabelError.
+    In a table of the log or beside it, else in one for all logs. A trial without an event has a row
+    without a start. Raises ColumnError or LabelError.
     """
-    rules = plan.events or EventRules(column="-")
-    streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
-    columns = max(streams, key=lambda one: rules.start in one.columns).columns
+    rules = plan.events
+    if rules is None or not rules.file:
+        return NO_EVENTS, log.path
+    path, streams = log.path, log.streams
+    if "*" not in rules.file:
+        path = (source if source.is_dir() else source.parent) / rules.file
+        if path != log.path:
+            streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
+    tables = [
+        one.columns for one in streams if not one.columns.keys() & {*plan.channels}
+    ]
+    tables.sort(key=lambda columns: rules.start not in columns)
+    if not tables:
+        return NO_EVENTS, path
+    columns = tables[0]
     names = {key: getattr(rules, key) for key in EVENT}
     plan.require_columns(columns, path, {*names.values()} - {""})
     events = pd.DataFrame(
@@ -340,7 +285,7 @@ def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
     for key in ("label", "trial"):
         events[key] = text_cells(events[key].to_numpy())
     times = events[["start", "end"]].apply(pd.to_numeric, errors="coerce")
-    if words_of(rules.end) & LENGTH_WORDS:
+    if says(rules.end, LENGTH):
         times["end"] += times["start"]
     # a point has no end
     times["end"] = times["end"].where(times["end"] != times["start"])
@@ -358,7 +303,7 @@ def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
     order = ["trial", "start", "end"]
     events = events.sort_values(order, ascending=[True, True, False])
     following = events.groupby("trial")["start"].shift(-1)
-    return events.fillna({"end": following}).fillna({"end": np.inf})
+    return events.fillna({"end": following}).fillna({"end": np.inf}), path
 
 
 def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:
@@ -372,11 +317,7 @@ def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:
 
 def marks_of(cells: np.ndarray, rules: EventRules) -> np.ndarray:
     """A column of labels [T]; one that stands only where something begins lasts to the next."""
-    if not rules.hold:
-        return cells
-    usual = _usual(cells)
-    is_off = (cells == usual) & (usual not in rules.labels)
-    return held(np.where(is_off, "", cells))
+    return held(np.where(is_off(cells), "", cells)) if rules.hold else cells
 
 
 def held(cells: np.ndarray) -> np.ndarray:

@@ -89,7 +89,7 @@ def kind_of(words: Sequence[str], answers: Answers) -> str:
     for key in NAMES:
         if {*words} <= {*getattr(answers, key).split(",")}:
             return key
-    if all(answers.actions.get(word) or action_of_word(word) for word in words):
+    if all(map(answers.meaning, words)):
         return "" if answers.whole_action else "action"
     if all(map(PERSON.fullmatch, words)):
         return "" if answers.person else "person"

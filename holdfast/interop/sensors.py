@@ -16,30 +16,18 @@ import numpy as np
 from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
 from holdfast.core.errors import listed
-from holdfast.interop.columns import channels, rise_of, words_of
+from holdfast.interop.columns import channels, rise_of
 from holdfast.interop.evidence import Evidence
-from holdfast.interop.streams import LOG_TIME, Columns, counted, is_text
-from holdfast.interop.tables import pd
+from holdfast.interop.formats.streams import LOG_TIME, Columns, counted, is_text
+from holdfast.interop.formats.tables import pd
+from holdfast.interop.words import FINGERS, NO_SENSOR, says
 
-FINGERS = (
-    "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
-    "little|pinky|lf|five", "six", "seven", "eight", "nine", "ten", "palm",
-)  # fmt: skip
-"""Words of fingers, and of their numbers, in the order of a hand."""
 _FINGER = "|".join(rf"((?<![a-z])(?:finger)?(?:{one})(?![a-z]))" for one in FINGERS)
 _HAND = r"(?<![a-z])(?:(left|lh|l)|(right|rh|r))(?![a-z])"
 FINGER, HAND = (re.compile(rf"(?i){one}") for one in (_FINGER, _HAND))
 THUMB = re.compile("(?i)(?<![a-z])(thumb|th)(?![a-z])")
 PLACE = re.compile(rf"(?i){_FINGER}|{_HAND}|(?:(?<![a-z])finger[-_ ]?)?\d+")
 """What tells sensors of one quantity apart."""
-NO_SENSOR = {
-    "torque", "moment", "translation", "rotation", "quaternion", "orientation", "covariance",
-    "gyro", "pose", "position", "pos", "angular", "velocity", "vel", "acc", "accel",
-    "acceleration", "imu", "joint", "marker", "transform", "action", "state", "displacement",
-    "disp", "deformation", "cop", "angle", "direction", "dir", "resultant", "total", "sum", "net",
-    "mean", "euler", "std",
-}  # fmt: skip
-"""Words of three axes that are no reading of a fingertip."""
 FORCE = re.compile(r"force|(?<![a-z])f[_ ]?\*|f\*$")
 """A kind of column that is a force by its name; * is the axis."""
 READING = re.compile(r"(?<![a-z])[fbh]?[_ ]?\*|force|[fbh]\*")
@@ -59,7 +47,7 @@ FIRST_ROWS, FEW_ROWS = 10, 5000
 MORE, ONE_WAY = 1.5, 0.9
 """How much more than the others an axis moves that presses, and in which share of the contact."""
 MUCH_MORE = 4.0
-"""How much more a force is than its torque, or the other way round."""
+"""How much more one sensor presses than another; more than so are a force and its torque."""
 REPEATED = 0.99
 """A sensor whose steps are so alike to those of another one is no sensor of its own."""
 SUM = 0.002
@@ -73,33 +61,39 @@ def find_sensors(
     longest: Columns,
     marks: Collection[str],
     chosen: str = "",
-    fingers: Sequence[str] = (),
-) -> Evidence[list[SensorColumns]] | str:
-    """The sensors of a log in the order in which people count; else what is not clear, "" for all.
+    is_joined: bool = False,
+) -> Evidence[list[SensorColumns]]:
+    """The sensors of a log in the order in which people count; none where they must be asked.
 
     By the names of all its columns, else by what those of its longest stream hold. marks: the
     columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
-    fingers: the words of the files that were joined, as given.
+    is_joined: of files, whose words stand before a dot in the names.
     """
     names = []
-    for name, column in columns.items():
-        is_free = name != LOG_TIME and name not in marks and not is_text(column)
-        is_free &= not words_of(name) & NO_SENSOR
-        is_chosen = any(fnmatchcase(name, one) for one in chosen.split(","))
-        names += [name] if is_chosen or (is_free and not chosen) else []
+    for pattern in chosen.split(",") if chosen else ():
+        names += [name for name in columns if fnmatchcase(name, pattern)]
+    for name, column in columns.items() if not chosen else ():
+        is_other = name == LOG_TIME or name in marks or is_text(column)
+        names += [] if is_other or says(name, NO_SENSOR) else [name]
+    names = [*dict.fromkeys(names)]
 
     groups = _by_axes(names)
     if groups:
-        return _of_one_kind(groups, fingers, is_given=bool(chosen))
+        return _of_one_kind(groups, is_given=bool(chosen), is_joined=is_joined)
     if not chosen:
-        readings = [
-            one for one in names if one in longest and not rise_of(longest[one])[0]
-        ]
-        return _by_touch(readings, longest)
+        there = [name for name in names if name in longest]
+        return _by_touch(
+            [one for one in there if not rise_of(longest[one])[0]], longest
+        )
     if not names or len(names) % 3:
-        return f"--sensors {chosen} are {len(names)} columns, not three a sensor"
+        return unclear(f"--sensors {chosen}, {len(names)} columns, not three a sensor,")
+    return Evidence(in_threes(names), "as given")
+
+
+def in_threes(names: Sequence[str]) -> list[SensorColumns]:
+    """Columns as x, y and z of each sensor."""
     rows = zip(names[::3], names[1::3], names[2::3], strict=True)
-    return Evidence([SensorColumns(*row) for row in rows], "as given")
+    return [SensorColumns(*row) for row in rows]
 
 
 # -- by names
@@ -119,35 +113,38 @@ def _by_axes(names: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def _of_one_kind(
-    groups: dict[str, dict[str, str]], fingers: Sequence[str], *, is_given: bool
-) -> Evidence[list[SensorColumns]] | str:
+    groups: dict[str, dict[str, str]], *, is_given: bool, is_joined: bool
+) -> Evidence[list[SensorColumns]]:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
-    given = {f"{word}.": at for at, word in enumerate(fingers)}
+    files = (
+        [*dict.fromkeys(key.partition(".")[0] for key in groups)] if is_joined else []
+    )
     kind_of = {}
     for key in groups:
-        word = next(filter(key.startswith, given), "")
-        kind_of[key] = PLACE.sub("#", key.removeprefix(word)).lower()
+        behind = key.partition(".")[2] if is_joined else key
+        kind_of[key] = PLACE.sub("#", behind).lower()
     kinds = [*dict.fromkeys(kind_of.values())]
     forces = [kind for kind in kinds if FORCE.search(kind)]
-    readings = forces if len(forces) == 1 else [*filter(READING.search, kinds)]
-    chosen = kinds if is_given else readings
-    keys = [key for key in groups if kind_of[key] in chosen]
-    # by the order of a hand; other words as they stand, numbers as people count
-    keys.sort(
-        key=lambda key: (
-            given.get(f"{key.partition('.')[0]}.", finger_order(key)),
-            kinds.index(kind_of[key]),
-            counted(key),
-        )
-    )
-    hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
-    # two sensors are the jaws of a gripper
-    if len(hands) > 1 and len(keys) > 2 and not (is_given or fingers):
-        return "left and right are two hands: which one?"
+    chosen = forces if len(forces) == 1 else [*filter(READING.search, kinds)]
     if len(chosen) != 1 and not is_given:
-        return f"columns {listed(kinds, most=6)}: which are the readings?"
-    sensors = [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
+        return unclear(f"columns {listed(kinds, most=6)} (which are the readings?)")
+    keys = [key for key in groups if is_given or kind_of[key] in chosen]
+    # two sensors are the jaws of a gripper
+    if are_two_hands(keys) and len(keys) > 2 and not (is_given or is_joined):
+        return unclear(f"left and right are two hands: columns {listed(keys)}")
+
+    def place(key: str) -> tuple[object, ...]:
+        """By the order of a hand; other words as they stand, numbers as people count."""
+        file = files.index(key.partition(".")[0]) if files else 0
+        return file, finger_order(key), kinds.index(kind_of[key]), counted(key)
+
+    sensors = [SensorColumns(**groups[key]) for key in sorted(keys, key=place)]  # type: ignore
     return Evidence(sensors, "as given" if is_given else "by the axes in their names")
+
+
+def are_two_hands(names: Sequence[str]) -> bool:
+    """Whether some names say left and others right."""
+    return len({bool(found[1]) for found in map(HAND.search, names) if found}) > 1
 
 
 def finger_order(name: str) -> int:
@@ -159,58 +156,53 @@ def finger_order(name: str) -> int:
 # -- by what a touch does
 
 
-def _by_touch(
-    names: Sequence[str], columns: Columns
-) -> Evidence[list[SensorColumns]] | str:
+def _by_touch(names: Sequence[str], columns: Columns) -> Evidence[list[SensorColumns]]:
     """Columns without axes in their names as three a sensor, where a touch shows that.
 
-    All of them, or those that differ in a number. Sensor by sensor, or axis by axis.
+    All of them, or those that differ in a number. Sensor by sensor, as they stand.
     """
     series = {"": [*names]}
     for name in sorted(names, key=counted):
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    found = set()
+    found = []
     for one in series.values():
-        if len(one) < FEWEST_UNNAMED or len(one) % 3:
-            continue
-        for order in (one, [*np.reshape(one, (3, -1)).T.ravel()]):
-            found |= (
-                {tuple(map(str, order))} if presses(channels(columns, order)) else set()
-            )
+        is_whole = len(one) >= FEWEST_UNNAMED and len(one) % 3 == 0
+        if is_whole and one not in found and presses(channels(columns, one)):
+            found.append(one)
     if len(found) != 1:
         most = max(series.values(), key=len)
-        return f"columns {listed(most)}" if len(most) > 2 else ""
+        return unclear(f"columns {listed(most)}" if len(most) > 2 else "")
     (axes,) = found
-    rows = zip(axes[::3], axes[1::3], axes[2::3], strict=True)
-    sensors = [SensorColumns(*row) for row in rows]
     check = "every third column presses, on every sensor"
-    return Evidence(sensors, f"no axes in the names, {axes[0]} to {axes[-1]}", check)
+    why = f"no axes in the names, {axes[0]} to {axes[-1]}"
+    return Evidence(in_threes(axes), why, check)
+
+
+def unclear(what: str) -> Evidence[list[SensorColumns]]:
+    """No sensors, and which columns must be asked for; "" of a table without readings."""
+    return Evidence([], what)
 
 
 def presses(values: FloatArray) -> bool:
     """Whether the same axis of every sensor presses: moves most, and in one direction.
 
-    And whether no sensor repeats another one, as the torques of a load do whose arm stays the same.
+    And whether no sensor repeats another one or is much weaker, as torques are beside their forces.
     values [T, 3 S]: of the sensors in turn.
     """
     (rest, change), rows = touch(values)
     sizes = np.abs(change).reshape(-1, 3)
     axis = int(sizes[0].argmax())
-    normal = (values[rows] - rest)[:, axis::3] * np.sign(change[axis::3])
-    others = np.delete(sizes, axis, axis=1).max(axis=1)
-    one_way = np.nanmean((values[rows] - rest) * np.sign(change) >= 0, axis=0) > ONE_WAY
+    sizes, others = sizes[:, axis], np.delete(sizes, axis, axis=1).max(axis=1)
+    if not (sizes > MORE * others).all() or sizes.max() > MUCH_MORE * sizes.min():
+        return False
+    toward = (values[rows] - rest) * np.sign(change)
+    one_way = np.nanmean(toward >= 0, axis=0) > ONE_WAY
     # where all columns press, each is a sensor of its own
     each_presses = (one_way & (np.sign(change) == np.sign(change[axis]))).all()
-    # of forces and torques in turn all the ones are larger
-    pairs = sizes[: len(sizes) // 2 * 2, axis].reshape(-1, 2)
-    turns = MUCH_MORE * pairs < pairs[:, ::-1]
-    in_pairs = len(sizes) % 2 == 0 and turns.all(axis=0).any()
     # pandas leaves nan out, and steps show the noise that each sensor has of its own
-    alike = pd.DataFrame(np.diff(normal, axis=0)).corr().abs().to_numpy()
+    alike = pd.DataFrame(np.diff(toward[:, axis::3], axis=0)).corr().abs().to_numpy()
     repeats = np.triu(alike, 1).max() > REPEATED
-    is_more = (sizes[:, axis] > MORE * others).all()
-    presses = is_more and one_way[axis::3].all()
-    return bool(presses and not (repeats or each_presses or in_pairs))
+    return bool(one_way[axis::3].all() and not (each_presses or repeats))
 
 
 def sums_of_others(values: FloatArray) -> list[int]:
@@ -255,11 +247,11 @@ def moved_most(changes: FloatArray) -> int:
     """
     sizes = np.abs(changes)
     sizes = sizes[sizes.sum(axis=1) > TOUCHED * sizes.sum(axis=1).max()]
-    middle = np.sort(sizes, axis=1)[:, 1:2]
-    n_clearly = (sizes > CLEARLY * middle).sum(axis=0)
-    axis = int(n_clearly.argmax())
-    is_clear = n_clearly[axis] > 0 and n_clearly[axis] >= MOST_SENSORS * len(sizes)
-    return axis if is_clear else NORMAL_AXIS
+    ordered = np.sort(sizes, axis=1)
+    is_clear = ordered[:, 2] > CLEARLY * ordered[:, 1]
+    most = np.bincount(sizes.argmax(axis=1)[is_clear], minlength=3)
+    axis = int(most.argmax())
+    return axis if most[axis] > MOST_SENSORS * len(sizes) else NORMAL_AXIS
 
 
 def oriented(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,67 +19,51 @@ from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray, valid_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
 from holdfast.core.progress import Part, ignored
 from holdfast.core.trial_file import Trial, implausible_rate, says_no
-from holdfast.core.trial_layout import (
-    LABELLED_ACTIONS,
-    SITUATION_OF_ACTION,
-    UNSCRIPTED,
-    truth_path,
-)
+from holdfast.core.trial_layout import LABELLED_ACTIONS, SITUATION_OF_ACTION, truth_path
 from holdfast.core.writing import write_whole
 from holdfast.data.datasets.thesis import prepared
 from holdfast.data.datasets.trials import EMPTY_HAND
 from holdfast.data.lifts import LIFT, lift_phases
-from holdfast.data.timeline import ACTION_S, contact
+from holdfast.data.timeline import contact
+from holdfast.interop.beside import Files, read_joined
 from holdfast.interop.columns import (
     JUDGED_ROWS,
     JUMP,
-    find_time,
     usual_step,
     without_codes,
     without_jumps,
 )
-from holdfast.interop.joining import table_of
-from holdfast.interop.labels import (
-    NO_EVENTS,
-    clock_of,
-    marks_of,
-    read_events,
-    tables_of,
-)
-from holdfast.interop.logs import SCALARS, LogPlace, paired, read_log
-from holdfast.interop.map import NAMES, ImportMap
-from holdfast.interop.sensors import touch
-from holdfast.interop.streams import (
+from holdfast.interop.formats.streams import (
     FEWEST_ROWS,
     GAP_STEPS,
     Column,
     ForeignLog,
-    Stream,
     evened,
-    first_stream,
     text_cells,
     unwrapped,
 )
-from holdfast.interop.tables import pd
-from holdfast.interop.understood import Files, Understood
-from holdfast.interop.writing import truth_of, write_csv
+from holdfast.interop.formats.tables import pd
+from holdfast.interop.formats.writing import truth_of, write_csv
+from holdfast.interop.joining import table_of
+from holdfast.interop.labels import clock_of, events_of, marks_of
+from holdfast.interop.map import NAMES, ImportMap
+from holdfast.interop.sensors import touch
+from holdfast.interop.understood import Understood
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
 MOST_ZEROS = 0.3
-"""Of a press: a sensor that reads 0 for longer touches nothing."""
+"""Of the rows: a sensor that reads 0 in more touches nothing."""
 LONGEST_SAME = 20
 """Rows in which a sensor may read the same, to the last digit of three axes."""
-SELDOM = 0.05
-"""Of the rows of a sensor that changes from row to row, elsewhere."""
+SELDOM, EVENLY = 0.05, 0.9
+"""Of the rows of a sensor that changes from row to row; of the steps of one that is slower."""
 MORE_REPEATS = 0.2
 """Of the rows: by so much more than another a sensor repeats its reading that is slower."""
 LARGEST = 1e10
 """What is as large is no reading: a count has 32 bits."""
-TIMED = ("pull", "fall", "pass", "put-down")
-"""Actions whose times a log gives, else the thesis' script."""
 ACTION_OF_LABELS = (
     ({"safe_slip", "risky_slip"}, "daily"),
     ({"risky_slip"}, "slip"),
@@ -112,7 +96,6 @@ class TrialImport:
     ) -> None:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         used: Counter[Path] = Counter()
-        tables = tables_of(plan.events, source, files)
         for number, (name, group) in enumerate(files.items()):
             log = self.kept.pop(name, None)
             log = log or read_joined(group, plan.trials.fingers, name)
@@ -121,8 +104,7 @@ class TrialImport:
             if not table_of(log, plan.channels):
                 self._note(log, "no readings in it")
                 continue
-            path = tables.get(name)
-            events = read_events(path, plan) if path else NO_EVENTS
+            events, where = events_of(log, plan, source)
             whole = self._rows(log, plan)
             # a long log is large
             log = replace(log, streams=())
@@ -130,19 +112,18 @@ class TrialImport:
             for rows in self._cuts(log, whole, plan):
                 n_used = self._write(log, rows, plan, events)
                 # a trial in which nothing falls has no event
-                has_events = bool(events["start"].notna().any())
-                used.update({path: n_used} if path and has_events else {})
+                used.update({where: n_used} if events["start"].notna().any() else {})
                 done += len(rows)
                 part((number + done / len(whole)) / len(files))
         part(1.0)
 
-        for path, n_used in used.items():
-            if not n_used:
-                raise LabelError(
-                    "no event of it lies in a log",
-                    where=path,
-                    next_step="correct unit and zero of [events] in the map",
-                )
+        unused = next((where for where, n_used in used.items() if not n_used), None)
+        if unused:
+            raise LabelError(
+                "no event of it lies in a log",
+                where=unused,
+                next_step="correct unit and zero of [events] in the map",
+            )
 
     def report(self, found: Understood) -> None:
         """Add the end of the table of what was understood. Raises EmptyRecording."""
@@ -166,7 +147,13 @@ class TrialImport:
 
     def _note(self, log: ForeignLog, *texts: str) -> None:
         """What was left out of a log, or changed."""
-        self.notes += [f"{log.name}: {text}" for text in texts]
+        notes = [f"{log.name}: {text}" for text in texts]
+        self.notes += [note for note in notes if note not in self.notes]
+
+    def _left_out(self, log: ForeignLog, count: int, what: str, why: str) -> None:
+        """How many rows or lines of a log were left out, where some were."""
+        if count:
+            self._note(log, f"{count_of(count, what)} {why} left out")
 
     # -- rows of a log, and where a trial ends
 
@@ -185,53 +172,54 @@ class TrialImport:
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
         flags = valid_names(len(plan.sensors))
         for sensor, flag in zip(plan.sensors, flags, strict=True):
+            if flag not in columns:
+                continue
             # what a log says is not valid is no reading
-            lost = _says_no(columns[flag]) if flag in columns else np.zeros(1)
-            for name in filter(None, sensor.axes) if lost.any() else ():
+            is_lost = _says_no(columns[flag])
+            for name in filter(None, sensor.axes):
                 name = name.removeprefix(MINUS)
-                rows[name] = np.where(lost, np.nan, rows[name])
+                rows[name] = rows[name].mask(is_lost)
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
-        timed = rows.dropna(subset=[*filter(None, [plan.time.column])])
-        n_lost = len(rows) - len(timed)
-        if n_lost:
-            self._note(log, f"{count_of(n_lost, 'row')} without a time left out")
-        timed = self._of_readings(log, timed, plan)
-        stamps = plan.stamps_ns(timed, len(timed), log.path)
-        timed = timed.set_axis(unwrapped(stamps, plan.time.unit_ns))
-        first = values_of(log, timed[:JUDGED_ROWS], plan)
-        rows_a_value = [
-            *map(stays_for, first.reshape(len(first), -1, 3).swapaxes(0, 1))
-        ]
-        n_rows = min(rows_a_value)
-        if n_rows > 1:
+        if plan.time.column:
+            n_rows = len(rows)
+            rows = rows.dropna(subset=[plan.time.column])
+            self._left_out(log, n_rows - len(rows), "row", "without a time")
+            has_any = np.zeros(len(rows), dtype=np.bool_)
+            for channel in plan.channels:
+                # one by one: a long log is large
+                has_any |= rows[channel].notna().to_numpy()
+            if not has_any.all():
+                self._left_out(log, int((~has_any).sum()), "row", "of no sensor")
+                rows = rows[has_any]
+        if not len(rows):
+            raise EmptyRecording("no row of data", where=log.path)
+        stamps = plan.stamps_ns(rows, len(rows), log.path)
+        rows = rows.set_axis(unwrapped(stamps, plan.time.unit_ns))
+        if np.median(np.diff(stamps)) < 0:
+            self._note(log, "the newest row stood first: the rows were turned round")
+            rows = rows[::-1]
+        rows = self._without_repeats(log, rows, plan)
+        self.rows += len(rows)
+        return rows
+
+    def _without_repeats(
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
+    ) -> pd.DataFrame:
+        """Of values that stay for several rows one; a sensor that is slower or dead is named."""
+        same = repeats(values_of(log, rows[:JUDGED_ROWS], plan))
+        changes = np.flatnonzero(~same.all(axis=1))
+        steps = np.diff(changes)
+        n_rows = int(np.median(steps)) if len(steps) > FEWEST_ROWS else 1
+        if n_rows > 1 and np.mean(steps % n_rows == 0) > EVENLY:
             self._note(log, f"each value stands in {n_rows} rows: one of them is kept")
-            changes = (np.diff(first, axis=0) != 0).any(axis=1)
-            timed = timed[int(changes.argmax() + 1) % n_rows :: n_rows]
-        same = (np.diff(first.reshape(len(first), -1, 3), axis=0) == 0).all(axis=2)
+            return rows[int(changes[1]) % n_rows :: n_rows]
         shares = same.mean(axis=0)
         for number, share in enumerate(shares.tolist(), 1):
             if share > shares.min() + MORE_REPEATS:
-                text = (
-                    f"repeats its reading in {share:.0%} of the rows: slower, or dead"
-                )
-                self._note(log, f"sensor {number} {text}")
-        self.rows += len(timed)
-        return timed
-
-    def _of_readings(
-        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
-    ) -> pd.DataFrame:
-        """Without the rows of another topic, in which no sensor has a reading."""
-        has_any = np.zeros(len(rows), dtype=np.bool_)
-        for channel in plan.channels:
-            # one by one: a long log is large
-            has_any |= rows[channel].notna().to_numpy()
-        n_others = len(rows) - int(has_any.sum())
-        if not plan.time.column or n_others in (0, len(rows)):
-            return rows
-        self._note(log, f"{count_of(n_others, 'row')} of no sensor left out")
-        return rows[has_any]
+                text = f"sensor {number} repeats its reading in {share:.0%} of the rows"
+                self._note(log, f"{text}: slower, or dead")
+        return rows
 
     def _cuts(
         self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
@@ -247,26 +235,30 @@ class TrialImport:
         column = plan.trials.column
         longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
         if column:
-            cells = rows[column].where(rows[column] != "")
-            if cells.isna().any():
-                # a lost cell within a trial ends none
-                before, behind = cells.ffill(limit=FEWEST_ROWS), cells.bfill()
-                rows[column] = before.where(before == behind, cells).fillna("")
+            # a lost cell within a trial ends none
+            cells = rows[column].where(rows[column] != "").ffill(limit=FEWEST_ROWS)
+            rows[column] = cells.fillna("")
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
             _, touched = touch(values_of(log, rows, plan))
-            within = touched[1:] & touched[:-1] & ~ends
             # a step within a touch is no pause, nor is one of its length
+            within = touched[1:] & touched[:-1] & ~ends
             ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(rows)]):
             part = rows.iloc[first:stop]
             if column and not part[column].iloc[0]:
                 continue
             if len(part) < FEWEST_ROWS:
-                self._note(log, f"{len(part)} rows between trials left out")
+                self._left_out(log, len(part), "row", "between trials")
                 continue
             part = part.sort_index(kind="stable")
-            yield part.set_axis(evened(part.index.to_numpy(), step))
+            clock = evened(part.index.to_numpy(), step)
+            if (clock != part.index).any():
+                hz = 1e9 / step
+                self._note(
+                    log, f"stamps in bursts: put on an even clock of {hz:.4g} Hz"
+                )
+            yield part.set_axis(clock)
 
     # -- one trial
 
@@ -279,47 +271,10 @@ class TrialImport:
         trial = self._trial(log, rows, plan)
         labels = labels[-len(trial.t_s) :]
         recording = prepared(trial, plan.unit_of_values, "")
-        first, stop = contact(trial.t_s, recording.samples)
-        is_timed = len({*labels}) > 1
-        rules = plan.events if labels[0] is not None else None
-        if plan.events and not rules:
-            self._note(log, "no event is of it")
-        if rules and rules.rest:
-            closed = labels[first:stop]
-            closed[closed == ""] = rules.rest
-            # a mark without an end lasts to that of the contact
-            labels[stop:] = "" if rules.hold else labels[stop:]
-        kinds = {*labels} - {"", None}
-        fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
-        action = names["action"] or next(fits, "")
-        # what is the same in every row says what the trial is, and not when
-        kinds = kinds if is_timed else set()
-        at_s = plan.facts.action_at_s or ACTION_S
-        is_scripted = trial.t_s[first] < at_s < trial.t_s[stop - 1]
-        is_untimed = action in TIMED and not is_scripted
-        is_untimed |= action in UNSCRIPTED and action not in LABELLED_ACTIONS
-        situation = SITUATION_OF_ACTION.get(action, "")
-        if action in TIMED and is_scripted and not kinds:
-            check = "checked: that lies within the contact"
-            self._note(log, f"{action}: by the script at {at_s:g} s, {check}")
-        if is_untimed and not kinds and situation:
-            taken = {"risky_slip": "slip", "grasp": "hold"}.get(situation, "")
-            text = f"taken as {taken}" if taken else "only the empty hand is labelled"
-            self._note(log, f"{action}: its times are not known: {text}")
-            action = taken or action
-            if not taken:
-                kinds = {"nothing"}
-                labels[:] = "nothing"
-                labels[first:stop] = ""
-
-        if not action or (action in UNSCRIPTED[-1:] and not kinds):
-            raise LabelError(
-                f"nothing says what happens in {log.name}",
-                where=log.path,
-                next_step="--action slip, or another action; or its events",
-            )
-
-        if action == LIFT and not kinds:
+        closed = slice(*contact(trial.t_s, recording.samples))
+        action = self._action(log, plan, names["action"], labels, closed)
+        is_timed = any(labels)
+        if action == LIFT and not is_timed:
             # raises where the forces do not tell when the hand holds something
             values, valid = recording.samples, recording.valid
             lift_phases(values, valid, trial.rate_hz, recording.unit, log.path)
@@ -330,10 +285,58 @@ class TrialImport:
         name = f"trial_{self.trials.count(parts)}.csv"
         place = "/".join(filter(None, [*parts, name]))
         write_csv(self.folder / place, trial, plan.unmeasured_names)
-        if kinds and not is_empty:
+        if is_timed and not is_empty:
             write_whole(truth_path(self.folder / place), truth_of(trial, labels))
         self.written[place] = log.name
         return n_used
+
+    def _action(
+        self,
+        log: ForeignLog,
+        plan: ImportMap,
+        action: str,
+        labels: np.ndarray,
+        closed: slice,
+    ) -> str:
+        """The action of a trial, by its name or else its labels.
+
+        labels [T] become what is known of when: a closed hand holds where nothing is said; all
+        are empty where nothing is known. closed: the first touch to the last. Raises LabelError.
+        """
+        is_timed = len({*labels}) > 1
+        if plan.events and labels[0] is None:
+            self._note(log, "no event is of it")
+        elif plan.events and plan.events.rest:
+            held = labels[closed]
+            held[held == ""] = plan.events.rest
+            if plan.events.hold:
+                # a mark without an end lasts to that of the contact
+                labels[closed.stop :] = ""
+        kinds = {*labels} - {"", None}
+        fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
+        action = action or next(fits, "")
+        if not is_timed:
+            # what is the same in every row says what the trial is
+            labels[:] = ""
+        situation = SITUATION_OF_ACTION.get(action, "")
+        if not (situation or (action and is_timed)):
+            raise LabelError(
+                f"nothing says what happens in {log.name}",
+                where=log.path,
+                next_step="--action slip, or another action; or its events",
+            )
+        is_known = action in (*LABELLED_ACTIONS, EMPTY_HAND) or plan.facts.action_at_s
+        if is_timed or is_known:
+            return action
+        unknown = f"{action}: its times are not known"
+        if situation == "safe_slip":
+            self._note(log, f"{unknown}: only the empty hand is labelled")
+            labels[:] = "nothing"
+            labels[closed] = ""
+            return action
+        taken = "slip" if situation == "risky_slip" else "hold"
+        self._note(log, f"{unknown}: taken as {taken}")
+        return taken
 
     def _trial(self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> Trial:
         """The readings of a trial, from when every sensor that ever sends has sent.
@@ -341,29 +344,22 @@ class TrialImport:
         Raises NotANumber, TimeError.
         """
         values = values_of(log, rows, plan)
-        for number, n_same in enumerate(lose_repeats(values), 1):
-            if n_same:
-                text = f"sensor {number} repeats a reading in {n_same} rows: lost"
-                self._note(log, text)
-        n_zeros = lose_zeros(values)
-        if n_zeros:
-            self._note(log, f"{count_of(n_zeros, 'zero')} of a sensor in a press: lost")
-        n_jumps = 0
-        for channel in values.T:
-            steps = np.abs(np.diff(channel)) / UNIT_OF[plan.unit][1]
-            n_jumps += int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
+        for number, n_hung in enumerate(lose_hung(values), 1):
+            if n_hung:
+                text = f"sensor {number} is 0 in a press, or repeats one reading"
+                self._note(log, f"{text}, in {count_of(n_hung, 'row')}: lost")
+        steps = np.abs(np.diff(values, axis=0)) / UNIT_OF[plan.unit][1]
+        n_jumps = int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
         if n_jumps:
-            self._note(
-                log, f"{count_of(n_jumps, 'jump')} by 2^16: --unwrap takes them out"
-            )
+            jumps = count_of(n_jumps, "jump")
+            self._note(log, f"{jumps} by 2^16: --unwrap takes them out")
         is_lost = np.isnan(values)
         n_lost = is_lost.sum(axis=0)[plan.measured]
         lost = zip(plan.channels, n_lost.tolist(), strict=True)
         self.missing.update(dict(lost))
         first = int(is_lost.argmin(axis=0).max())
         if 0 < first < len(rows) // 2:
-            left_out = f"{count_of(first, 'row')} before all sensors sent left out"
-            self._note(log, left_out)
+            self._left_out(log, first, "row", "before all sensors sent")
             rows, values = rows[first:], values[first:]
         t_s = 1e-9 * (rows.index - rows.index[0]).to_numpy()
         steps = np.diff(t_s)
@@ -386,49 +382,35 @@ def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArra
     return without_codes(values)
 
 
-def stays_for(values: FloatArray) -> int:
-    """In how many rows each value of a sensor [T, 3] stands; 1 for a new one in each."""
-    changes = np.flatnonzero((np.diff(values, axis=0) != 0).any(axis=1))
-    gaps = np.diff(changes)
-    n_rows = int(np.median(gaps)) if len(gaps) > FEWEST_ROWS else 1
-    return n_rows if n_rows > 1 and np.mean(gaps % n_rows == 0) > 0.9 else 1
+def repeats(values: FloatArray) -> BoolArray:
+    """[T, S] whether a sensor reads the same as in the row before, on all axes; values [T, C]."""
+    steps = np.diff(values, axis=0, prepend=np.nan)
+    same: BoolArray = (steps == 0).reshape(len(values), -1, 3).all(axis=2)
+    return same
 
 
-def lose_repeats(values: FloatArray) -> list[int]:
-    """How many samples of each sensor repeat one reading, as of a driver that hangs; become nan.
+def lose_hung(values: FloatArray) -> list[int]:
+    """How many samples of each sensor are no readings, as of a driver that hangs; become nan.
 
-    values [T, C]: changed. A sensor may stay at its rest, and one that often repeats has coarse
-    steps.
+    values [T, C]: changed. They repeat one reading for long, or are 0. A sensor may stay at its
+    rest, and one that often repeats has coarse steps.
     """
     n_lost = []
-    rows = np.arange(len(values))
+    _, touched = touch(values)
+    # where all sensors are 0, nothing seems to be touched: between the touches
+    is_within = np.logical_or.accumulate(touched)
+    is_within &= np.logical_or.accumulate(touched[::-1])[::-1]
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
-        same = np.append(False, (np.diff(sensor, axis=0) == 0).all(axis=1))
-        begins = np.maximum.accumulate(np.where(same, 0, rows))
-        hung = same & (np.bincount(begins)[begins] > LONGEST_SAME)
+        same = repeats(sensor)[:, 0]
+        runs = np.cumsum(~same)
+        is_long = same & (np.bincount(runs)[runs] > LONGEST_SAME)
+        is_coarse = np.mean(same & ~is_long) > SELDOM
+        zeros = (sensor == 0).all(axis=1)
+        is_at_rest = zeros.mean() > MOST_ZEROS or (zeros & ~is_within).any()
+        hung = (is_long & ~is_coarse) | (zeros & ~is_at_rest)
         hung &= (sensor != sensor[0]).any(axis=1)
-        hung &= np.sum(same & ~hung) < SELDOM * len(rows)
         sensor[hung] = np.nan
         n_lost.append(int(hung.sum()))
-    return n_lost
-
-
-def lose_zeros(values: FloatArray) -> int:
-    """How many samples of a sensor are 0 while it presses; they become nan.
-
-    values [T, C]: changed. A sensor that is 0 before and behind the press too is at rest.
-    """
-    n_lost = 0
-    _, rows = touch(values)
-    first, last = np.flatnonzero(rows)[[0, -1]] if rows.any() else (0, 0)
-    span = slice(first, last + 1)
-    for sensor in np.split(values, values.shape[1] // 3, axis=1):
-        # where all sensors are 0, nothing seems to be touched: rows are not enough
-        within = (sensor == 0).all(axis=1)
-        n_outside = within.sum() - within[span].sum()
-        if within[span].mean() < MOST_ZEROS and not n_outside:
-            sensor[within] = np.nan
-            n_lost += int(within.sum())
     return n_lost
 
 
@@ -438,63 +420,6 @@ def _says_no(cells: Column) -> BoolArray:
         return np.array([says_no(cell) for cell in cells])
     # among numbers a word, such as False, was read as nan
     return ~(np.abs(cells.astype(np.float64)) > 0.0)
-
-
-# -- files of one trial
-
-
-def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
-    """The files of each log: one, or one for each finger in the order of `fingers`.
-
-    Behind them stands what an object beside them says of the trial.
-    """
-    facts = {one.name: one for one in places if one.kind == SCALARS}
-    logs = [one for one in places if one.kind != SCALARS]
-    files: Files = {}
-    for place in () if fingers else logs:
-        files.setdefault(place.name, [place])
-    for word in fingers:
-        # the whole word, and the signs around it
-        token = re.compile(
-            rf"[_\-. /]*(?<![^_\-. /]){re.escape(word)}(?![^_\-. /])[_\-. /]*"
-        )
-        for place in logs:
-            if token.search(place.name):
-                name = token.sub("_", place.name).strip("_") or "log"
-                files.setdefault(name, []).append(place)
-    for name, fact in paired([*files], [*facts]).items():
-        files[name].append(facts[fact])
-    return files
-
-
-def read_joined(
-    places: Sequence[LogPlace], fingers: Sequence[str], name: str
-) -> ForeignLog:
-    """One log of one file, or of a file for each finger: then its columns are `finger.column`.
-
-    What an object beside it says of the trial is a column for each fact.
-    """
-    files = [place for place in places if place.kind != SCALARS]
-    log = read_log(files[0])
-    streams = [*log.streams]
-    for number, (word, place) in enumerate(zip(fingers, files, strict=bool(fingers))):
-        columns = dict(first_stream(read_log(place) if number else log).columns)
-        found = find_time(columns)
-        if found is None or not found.value.column:
-            raise TimeError("no column of time to join files by", where=place.path)
-        t_ns = columns.pop(found.value.column) * found.value.unit_ns
-        named = {f"{word}.{key}": column for key, column in columns.items()}
-        streams[number:] = [Stream(named, np.round(t_ns).astype(np.int64), word)]
-    for place in places[len(files) :]:
-        longest = max(streams, key=lambda one: one.rows)
-        at = streams.index(longest)
-        # what has a name is a table of events
-        for one in [one for one in read_log(place).streams if not one.name]:
-            facts = {
-                key: np.repeat(fact, longest.rows) for key, fact in one.columns.items()
-            }
-            streams[at] = replace(longest, columns=facts | longest.columns)
-    return replace(log, name=name, streams=tuple(streams))
 
 
 # -- names and labels of a trial
@@ -545,28 +470,31 @@ def labels_of_rows(
 
     events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
-    labels = np.full(len(rows), None, dtype=object)
     rules, n_used = plan.events, 0
-    of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
-    is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
+    labels = np.full(len(rows), None, dtype=object)
     if rules and rules.column in rows:
         labels = marks_of(rows[rules.column].to_numpy(object), rules)
-    elif not rules or not is_ours.any():
-        # nothing says what happens when
-        return labels, 0
-    else:
+    elif rules:
+        of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
+        is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
+        if not is_ours.any():
+            return labels, 0
         clock = clock_of(rules, rows.index.to_numpy())
         for event in events[is_ours].dropna(subset="start").itertuples():
             first, stop = np.searchsorted(clock, [event.start, event.end])
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label
+    else:
+        return labels, 0
 
-    meanings = {label: plan.situation(label) for label in {*labels} - {None}}
-    for label, situation in meanings.items():
+    meanings: dict[str | None, str] = {None: ""}
+    for label in {*labels} - {None}:
+        situation = plan.situation(label)
         if situation is None:
             raise LabelError(
                 f"the label {label!r:.60} is no situation",
                 where=log.path,
                 next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-    return np.array([meanings.get(one, "") for one in labels], dtype=object), n_used
+        meanings[label] = situation
+    return np.array([meanings[one] for one in labels], dtype=object), n_used

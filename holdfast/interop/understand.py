@@ -11,14 +11,18 @@ second time by the maps, one after the other.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 
+from holdfast.core.contract import AXES
 from holdfast.core.errors import ColumnError, listed
 from holdfast.core.progress import Part, ignored
+from holdfast.interop.beside import files_of, read_joined
 from holdfast.interop.columns import (
     channels,
     find_time,
@@ -26,30 +30,27 @@ from holdfast.interop.columns import (
     without_codes,
     without_jumps,
 )
-from holdfast.interop.evidence import Evidence
+from holdfast.interop.formats.logs import SCALARS, LogPlace, find_logs, read_log
+from holdfast.interop.formats.streams import ForeignLog, counted, first_stream, merged
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import in_turn, table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import SCALARS, WORD, LogPlace, find_logs, read_log
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.sensors import (
     FINGER,
-    HAND,
+    are_two_hands,
     find_sensors,
     finger_order,
     sums_of_others,
     touch,
 )
-from holdfast.interop.streams import ForeignLog, counted, first_stream, is_text, merged
-from holdfast.interop.tables import pd
-from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
-CLOCK_S = 60.0
-"""A clock that stands later than this was not begun with the trial."""
+WORD = r"[/_ .-]+(?!\d)"
+"""Between the words of a path, each with its number."""
 FILE_OF_A_SENSOR = re.compile(
     rf"(?i){FINGER.pattern}|^(finger|left|right|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d)"
 )
@@ -68,46 +69,50 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     """
     found = Understood()
     places, others = find_logs(source)
-    samples: list[Sample] = []
-    tables: list[ForeignLog] = []
+    samples: dict[str, Sample] = {}
+    others_read: dict[Path, ForeignLog] = {}
     for number, place in enumerate(places, 1):
+        log = read_log(place)
         # no more than one is in the memory
-        found.kept.clear()
-        found.kept[place.name] = log = read_log(place)
-        sample = "" if place.kind == SCALARS else _sample([place], log, answers)
-        samples += _or_asked(sample, log, found)
-        tables += [] if isinstance(sample, Sample) else [log]
+        found.kept = {place.name: log} if len(places) == 1 else {}
+        sample = (
+            None if place.kind == SCALARS else _sample([place], log, answers, found)
+        )
+        if sample:
+            samples[place.name] = sample
+        else:
+            others_read[place.path] = log
         part(number / len(places))
-    if len(places) > 1:
-        found.kept.clear()
 
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
-        names = listed([*merged(tables[0])], most=24)
-        what = f"which columns of {tables[0].name} are x, y and z of each sensor? ({names})"
+        log = next(iter(others_read.values()))
+        names = listed([*merged(log)], most=24)
+        what = f"which columns of {log.name} are x, y and z of each sensor? ({names})"
         if not found.questions:
             found.ask("--sensors", f"{what}; or a map names them (docs/your-data.md)")
         return found
 
-    fingers = _fingers(samples, answers, found)
+    fingers = _fingers([*samples.values()], answers, found)
     if fingers:
         each = f"the files {listed(fingers)} of each trial"
         found.add("joined", f"{each}, on the slowest clock")
-    facts = [place for place in places if place.kind == SCALARS]
-    files = files_of([*(one.files[0] for one in samples), *facts], fingers)
-    by_name = {one.log.name: one for one in samples}
-    samples = []
+    logs = [one.files[0] for one in samples.values()]
+    beside = [place for place in places if place.path in others_read]
+    files = files_of(logs, beside, fingers)
     for name, group in files.items():
-        joined: Sample | str | None = by_name.get(name)
-        if joined is None or len(group) > 1:
+        if name not in samples or len(group) > 1:
             found.kept.clear()
             log = read_joined(group, fingers, name)
-            joined = _sample(group, log, answers)
-        samples += _or_asked(joined, log, found)
+            sample = _sample(group, log, answers, found, bool(fingers))
+            samples |= {name: sample} if sample else {}
+        for place in group:
+            others_read.pop(place.path, None)
+    tables = [one for one in others_read.values() if one.path.suffix != SCALARS]
 
     forms: dict[object, list[Sample]] = {}
-    for one in samples:
+    for one in [samples[name] for name in files if name in samples]:
         time = one.time.value if one.time else None
         forms.setdefault((one.names, time), []).append(one)
     for of_form in forms.values():
@@ -122,41 +127,50 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
 def of_map(source: Path, plan: ImportMap) -> Understood:
     """The logs of a source by a map. Raises DataNotFound."""
     places, _ = find_logs(source)
-    found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
+    pattern = plan.events.file if plan.events else ""
+    beside = [one for one in places if one.kind == SCALARS]
+    beside += [
+        one for one in places if fnmatch(f"{one.name}{one.path.suffix}", pattern)
+    ]
+    logs = [one for one in places if one not in beside]
+    found = Understood(plans=[(plan, files_of(logs, beside, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
     return found
 
 
-def _or_asked(sample: Sample | str, log: ForeignLog, found: Understood) -> list[Sample]:
-    """A log with its sensors, or none where they are asked."""
-    if isinstance(sample, Sample):
-        return [sample]
-    if sample:
-        text = f"{sample} of {log.name}: which are x, y and z of each sensor?"
-        found.ask("--sensors", f"{text} {NO_SHEAR}")
-    return []
+def _sample(
+    files: list[LogPlace],
+    log: ForeignLog,
+    answers: Answers,
+    found: Understood,
+    is_joined: bool = False,
+) -> Sample | None:
+    """A log with its time and its sensors; None of a table without readings, or where it is asked.
 
-
-def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | str:
-    """A log with its time and its sensors; what is not clear of a table without readings."""
+    Raises ColumnError.
+    """
     whole, longest = merged(log), first_stream(log)
     if longest.rows < 2:
-        return ""
+        return None
     marks = [name for name, column in whole.items() if is_mark(name, column)]
-    fingers = [*filter(None, answers.fingers.split(","))]
-    sensors = find_sensors(whole, longest.columns, marks, answers.sensors, fingers)
-    found = sensors.value if isinstance(sensors, Evidence) else []
-    names = tuple(name for sensor in found for name in sensor.axes)
+    sensors = find_sensors(whole, longest.columns, marks, answers.sensors, is_joined)
+    names = [name for sensor in sensors.value for name in sensor.axes]
     columns = table_of(log, names)
     time = find_time(columns or whole, answers.rate, log.about.get("rate_hz"))
-    if time is None or time.value.rate_hz:
-        is_unsure = isinstance(sensors, str) or sensors.check
-        has_texts = any(map(is_text, whole.values())) and is_unsure
-        if has_texts or longest.rows < FEWEST_ROWS:
-            return ""
-    if isinstance(sensors, str):
-        return sensors if longest.rows >= FEWEST_ROWS else ""
+    is_timed = time is not None and bool(time.value.column)
+    if longest.rows < FEWEST_ROWS and not (names and is_timed):
+        return None
+    if not names:
+        if sensors.why:
+            text = f"{sensors.why} of {log.name}: which are x, y and z of each sensor?"
+            found.ask("--sensors", f"{text} {NO_SHEAR}")
+        return None
+    keys = in_turn(columns) if len(names) == len(AXES) else []
+    if keys:
+        text = f"each row of {log.name} is of one {listed(keys)} that comes in turn"
+        found.ask("SOURCE", f"{text}: write a row for each time, with all sensors")
+        return None
     values = channels(columns, names)
     values = without_codes(without_jumps(values) if answers.unwrap else values)
     there = np.isfinite(values)
@@ -167,27 +181,25 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
             next_step="write a row for each time, with all sensors",
         )
     # fingers are no sum, and what is given is not judged
-    is_judged = len(files) == 1 and not (answers.sensors or FINGER.search(names[0]))
+    is_judged = not (answers.sensors or FINGER.search(names[0]) or is_joined)
     sums = sums_of_others(values) if is_judged else []
     if sums:
-        shown = listed([found[k].z for k in sums])
-        return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
-    keys = in_turn(columns) if is_judged and len(found) == 1 else []
-    if keys:
-        return f"columns {listed([*names])}, and {listed(keys)} that comes in turn,"
+        shown = listed([sensors.value[k].z for k in sums])
+        text = f"{shown} is the sum of the others: which columns are the sensors?"
+        found.ask("--sensors", f"{text} ({listed(names, most=9)})")
+        return None
     effects, _ = touch(values)
     unit = unit_of(names, values, effects, log.about.get("unit") or "")
     span_s = 0.0, float(longest.rows)
     if time and time.value.column:
         stamps_s = columns[time.value.column] * (1e-9 * time.value.unit_ns)
         span_s = float(np.nanmin(stamps_s)), float(np.nanmax(stamps_s))
+        marks = [name for name in marks if name != time.value.column]
     # the readings of all logs would fill the memory
     columns = {name: cells for name, cells in columns.items() if name not in names}
     others = [one for one in log.streams if not {*names} & one.columns.keys()]
     log = replace(log, streams=tuple(others))
-    marks = [name for name, column in columns.items() if is_mark(name, column)]
-    if time and time.value.column in marks:
-        marks.remove(time.value.column)
+    marks = [name for name in marks if name in columns]
     return Sample(files, log, columns, time, sensors, marks, effects, span_s, unit)
 
 
@@ -199,28 +211,24 @@ def _fingers(
 ) -> list[str]:
     """The words by which the files of one trial differ, a file for each finger; [] for none.
 
-    Such files have one sensor each, are named alike but for one word, and run at the same time.
-    The word names a finger; else it is asked where it may be one.
+    Such files have one sensor each, and are named alike but for one word, which names a finger or
+    a sensor. A word that may be one, or a hand, is asked.
     """
+    if answers.fingers:
+        return answers.fingers.split(",")
     names = [re.split(WORD, one.log.name) for one in samples]
-    wide = {len(one.names) for one in samples}
-    if answers.fingers or len(wide) > 1 or len({*map(len, names)}) > 1:
-        return [*filter(None, answers.fingers.split(","))]
-    spans_s = pd.DataFrame([one.span_s for one in samples], columns=["first", "last"])
+    are_single = {len(one.names) for one in samples} == {len(AXES)}
+    if len({*map(len, names)}) > 1:
+        return []
     for at in range(len(names[0])):
-        trials = [" ".join([*one[:at], *one[at + 1 :]]) for one in names]
-        of_trial = spans_s.groupby(trials)
         words = [*dict.fromkeys(one[at] for one in names)]
-        at_once = of_trial["first"].max() < of_trial["last"].min()
-        is_whole = (of_trial.size() == len(words)).all() and at_once.all()
-        if len(words) < 2 or not is_whole:
+        trials = Counter(" ".join([*one[:at], *one[at + 1 :]]) for one in names)
+        if len(words) < 2 or {*trials.values()} != {len(words)}:
             continue
-        if wide == {3} and all(map(FILE_OF_A_SENSOR.search, words)):
+        if are_single and all(map(FILE_OF_A_SENSOR.search, words)):
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
-        # trials that begin at 0 each seem to run at the same time
-        is_clock = spans_s["first"].min() > CLOCK_S
-        is_unclear = wide == {3} and (is_clock or kind_of(words, answers) == "unclear")
-        if is_unclear or all(map(HAND.search, words)):
+        is_unclear = are_single and kind_of(words, answers) == "unclear"
+        if is_unclear or are_two_hands(words):
             each = ",".join(words)
             found.ask(
                 "--fingers",

@@ -9,13 +9,12 @@ from holdfast.core.contract import UNIT_OF, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.datasets.trials import action_of
+from holdfast.interop.beside import Files
 from holdfast.interop.evidence import Evidence
-from holdfast.interop.logs import LogPlace
+from holdfast.interop.formats.logs import LogPlace
+from holdfast.interop.formats.streams import Columns, ForeignLog
+from holdfast.interop.labels import action_of_sentence
 from holdfast.interop.map import ImportMap
-from holdfast.interop.streams import Columns, ForeignLog
-
-Files = dict[str, list[LogPlace]]
-"""Name of a log -> its file, or a file for each finger; then the facts beside it."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +56,12 @@ class Answers:
     @property
     def situations(self) -> dict[str, str]:
         """Words of the logs -> situations."""
-        actions = self.actions.items()
-        return {
-            word: SITUATION_OF_ACTION.get(action_of(one) or "", "")
-            for word, one in actions
-        }
+        actions = {word: action_of(one) or "" for word, one in self.actions.items()}
+        return {word: SITUATION_OF_ACTION.get(one, "") for word, one in actions.items()}
+
+    def meaning(self, word: str) -> str | None:
+        """The action that a word means, as given or by itself; None where it says nothing."""
+        return self.actions.get(word) or action_of_sentence(word)
 
 
 @dataclass
@@ -107,7 +107,7 @@ class Sample:
     marks: list[str]
     effects: FloatArray
     span_s: tuple[float, float]
-    unit: Evidence[str] | str
+    unit: Evidence[str]
 
     @property
     def names(self) -> tuple[str, ...]:

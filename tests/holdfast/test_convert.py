@@ -21,7 +21,7 @@ from packages import ROOT
 
 from holdfast.cli.convert import WRITERS
 from holdfast.core.contract import channel_names
-from holdfast.interop.payload import read_payloads
+from holdfast.interop.formats.payload import read_payloads
 
 Run = Callable[..., tuple[int, str, str]]
 CHANNELS = list(channel_names(6))

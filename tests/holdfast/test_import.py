@@ -17,7 +17,7 @@ from foreign_logs import axes, made, write_sheet, write_text
 from holdfast.cli.main import main
 from holdfast.core.errors import LibraryMissing
 from holdfast.data.datasets import load
-from holdfast.interop.logs import find_logs
+from holdfast.interop.formats.logs import find_logs
 
 SENSORS = "".join(
     f'[[sensors]]\nx = "s{k}_x"\ny = "s{k}_y"\nz = "s{k}_z"\n' for k in range(1, 6)
@@ -288,7 +288,7 @@ def test_a_missing_library_names_its_extra(
     monkeypatch: pytest.MonkeyPatch, library: str, extra: str, module: str
 ) -> None:
     # first with its library, and again without
-    reader = importlib.import_module(f"holdfast.interop.{module}")
+    reader = importlib.import_module(f"holdfast.interop.formats.{module}")
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(LibraryMissing, match=rf"pip install 'holdfast\[{extra}\]'"):
         importlib.reload(reader)

@@ -18,8 +18,8 @@ from xdf_file import clock_offsets, markers, samples, stream_header, xdf_bytes
 
 from holdfast.core.trial_file import read_trial
 from holdfast.data.datasets import load
-from holdfast.interop.mcap_file import Writer as McapWriter
-from holdfast.interop.parquet import pa, pq
+from holdfast.interop.formats.mcap_file import Writer as McapWriter
+from holdfast.interop.formats.parquet import pa, pq
 
 ONLY = "p0?/soft-ball/*"
 

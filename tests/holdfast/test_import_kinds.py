@@ -223,11 +223,10 @@ READINGS = {
     for write in (
         serial_monitor, tabs_without_a_heading, utf16_with_comments,
         vectors_in_brackets, millinewtons_with_commas, units_below_the_names, over_midnight,
-        shear_and_normal, normals_last, sorted_as_text, bursts, whole_seconds,
+        shear_and_normal, sorted_as_text, bursts, whole_seconds,
         a_file_for_each_finger, two_tables_on_a_sheet, names_and_millis_behind_a_stamp,
         moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
-        a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut,
-        a_row_for_each_sensor, a_row_for_each_value, lines_for_a_plotter,
+        a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut, lines_for_a_plotter,
         a_rate_above_the_names,
         a_clock_and_its_milliseconds,
     )
@@ -249,11 +248,52 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
         np.testing.assert_allclose(trial.raw, one.values, atol=2e-4)
         np.testing.assert_allclose(trial.t_s, one.t_s, atol=0.02)
     assert "2 trials: 2 slip" in out
+    # no guess is made in silence
+    assert "hand       proposed, the first 1 on the thumb's side" in out
+    assert ("stamps in bursts" in out) == (form in ("bursts", "whole_seconds"))
     code, out, _ = run("check", tmp_path / "set")
     assert code == 0, out
     # what was imported holds the map for the next time and for live runs
     kept = ("--map", tmp_path / "set/import.toml")
     assert "2 trials: 2 slip" in imported(run, tmp_path, *kept, out="again")
+
+
+UNJOINED: dict[str, tuple[Callable[[Path, Made], None], str]] = {
+    "a row for each sensor": (
+        a_row_for_each_sensor,
+        "each row of log is of one finger that comes in turn: write a row for each time",
+    ),
+    "a row for each value": (
+        a_row_for_each_value,
+        "which columns of log are x, y and z of each sensor? (t, value, channel)",
+    ),
+    "all x, then all y, then all z": (
+        normals_last,
+        "columns ch0, ch1, ch2, ch3, ch4, ch5, ch6, ch7 and 7 more of log: which are x, y and z",
+    ),
+}
+
+
+@pytest.mark.parametrize("form", UNJOINED)
+def test_readings_that_do_not_stand_by_sensors_are_asked(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    write, question = UNJOINED[form]
+    (tmp_path / "logs").mkdir()
+    write(tmp_path / "logs/log", made(1))
+    assert question in imported(run, tmp_path, *SLIP, code=2)
+
+
+def test_columns_axis_by_axis_are_sensors_by_their_names(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    (tmp_path / "logs").mkdir()
+    normals_last(tmp_path / "logs/log", one)
+    given = ",".join(f"ch{k + 5 * axis}" for k in range(5) for axis in range(3))
+    imported(run, tmp_path, *SLIP, "--sensors", given)
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    np.testing.assert_allclose(trial.raw, one.values)
 
 
 # -- what marks the slip
@@ -863,16 +903,6 @@ def test_an_action_without_its_times_is_one_that_check_takes(
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     assert {phase.situation for phase in recording.phases} == {0}
-
-
-def test_times_by_the_script_are_named(run: Run, tmp_path: Path) -> None:
-    one = made(1, lasts_s=10.0)
-    one.values[400:900, 2::3] += 3.0
-    write_log(tmp_path / "logs/a.csv", one)
-    out = imported(run, tmp_path, "--action", "put-down")
-    assert (
-        "put-down: by the script at 7 s, checked: that lies within the contact" in out
-    )
 
 
 def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(

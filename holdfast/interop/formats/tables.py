@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
@@ -26,7 +25,7 @@ from holdfast.core.errors import (
     count_of,
     needs_extra,
 )
-from holdfast.interop.layout import (
+from holdfast.interop.formats.layout import (
     COMMENTS,
     MISSING,
     SPACES,
@@ -34,7 +33,13 @@ from holdfast.interop.layout import (
     TableLayout,
     layout_of,
 )
-from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
+from holdfast.interop.formats.streams import (
+    Column,
+    Columns,
+    ForeignLog,
+    Stream,
+    is_text,
+)
 
 with needs_extra("train"):
     import pandas as pd
@@ -44,18 +49,15 @@ HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 CHUNK_ROWS = 20_000
 MOST_TORN = 0.2
 """Lines of another number of cells, of all rows, with which a table is none."""
-HOUR_NS = 3600 * 10**9
+DAY_NS = 24 * 3600 * 10**9
 NOON = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
 
-def begin_of(path: Path) -> tuple[TableLayout, str, bool]:
-    """(layout, encoding, whether the last line is cut off) of a file. Raises a DataError."""
+def begin_of(path: Path) -> tuple[TableLayout, str]:
+    """(layout, encoding) of a file. Raises a DataError."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-        file.seek(-min(len(head), 4), io.SEEK_END)
-        is_cut = not re.search(rb"[\r\n]\0*$", file.read())
-
     encoding = encoding_of(head)
     # a power cut leaves zeros at the end
     text = head.decode(encoding, errors="replace").rstrip("\0")
@@ -65,63 +67,53 @@ def begin_of(path: Path) -> tuple[TableLayout, str, bool]:
     if len(head) == HEAD_BYTES:
         # the last one may be cut
         lines.pop()
-    return layout_of(tuple(lines[:HEAD_LINES])), encoding, is_cut
+    return layout_of(tuple(lines[:HEAD_LINES])), encoding
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
     """A file of text as a log of one table. Raises a DataError."""
-    layout, encoding, is_cut = begin_of(path)
+    layout, encoding = begin_of(path)
     about = {"rate_hz": layout.rate_hz, "unit": layout.unit}
     with path.open(encoding=encoding, errors="replace") as file:
-        return ForeignLog(path, name, (read_table(file, layout, is_cut),), about)
+        return ForeignLog(path, name, (read_table(file, layout),), about)
 
 
-def read_table(
-    lines: Iterable[str], layout: TableLayout, is_cut: bool = False
-) -> Stream:
-    """The table in lines of text; is_cut: the last one may be. Raises EmptyRecording.
+def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
+    """The table in lines of text. Raises EmptyRecording and ColumnError.
 
     Its rows go through a file, because the cells of a long log as texts would fill the memory.
     """
     with TemporaryFile("w+", encoding="utf-8", newline="") as plain:
-        n_rows, n_torn, notes = _made_plain(lines, plain, layout)
+        n_rows, notes = _made_plain(lines, plain, layout)
         plain.seek(0)
         cells = _parsed(plain, layout, n_rows)
-    last = [str(cell) in ("nan", "") for cell in cells[layout.names[-1]][-2:]]
-    if is_cut and last == [False, True]:
-        # a line that was cut off has no last cell
-        n_torn += 1
-        cells = {key: column[:-1] for key, column in cells.items()}
-    return _numeric(cells, layout, n_torn, notes)
+    return _numeric(cells, layout, notes)
 
 
 def _made_plain(
     lines: Iterable[str], plain: IO[str], layout: TableLayout
-) -> tuple[int, int, list[str]]:
-    """Write the rows of a table as pandas reads them: (how many, lines left out, notes).
+) -> tuple[int, list[str]]:
+    """Write the rows of a table as pandas reads them: (how many, notes). Raises ColumnError.
 
     What stands between the rows is left out, and lines of another number of cells. The table ends
     with an empty line, where what follows is no row of it.
     """
-    form = layout.form
+    form, n_names = layout.form, len(layout.names)
+    is_spaced = form.separator == SPACES
     writer = csv.writer(plain, delimiter=form.mark)
-    n_marks = len(layout.names) - 1
     others: list[str] = []
     notes: list[str] = []
     n_rows, n_torn, was_empty = 0, 0, False
     for line in islice(lines, layout.first_row, None):
-        is_whole = (
-            len(line.split()) == n_marks + 1
-            if form.separator == SPACES
-            else line.count(form.mark) == n_marks
-        )
-        if is_whole and not (form.is_odd or was_empty or line[0] in COMMENTS):
+        n_cells = len(line.split()) if is_spaced else line.count(form.mark) + 1
+        is_plain = n_cells == n_names and line[0] not in COMMENTS
+        if is_plain and not (form.is_odd or was_empty):
             plain.write(line)
             n_rows += 1
             continue
         text = line.strip(" \t\r\n\0")
         cells = form.cells(line) if text else []
-        is_row = len(cells) == len(layout.names)
+        is_row = len(cells) == n_names
         if was_empty and text and not (is_row and form.share(cells)):
             notes = [f"a second block that begins with {text!r:.40} left out"]
             break
@@ -131,13 +123,21 @@ def _made_plain(
         elif is_row:
             writer.writerow(cells)
             n_rows += 1
-        elif text:
-            n_torn += 1
+        else:
+            n_torn += bool(text)
 
+    if n_torn > MOST_TORN * n_rows:
+        raise ColumnError(
+            f"{n_torn} lines have another number of cells than {n_names}",
+            cause="a row that goes on in the next line, or several tables in one file",
+            next_step="write each row as one line, and each table as a file",
+        )
+    if n_torn:
+        notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
     if others:
         count = count_of(len(others), "line")
         notes.append(f"{count} between the rows left out, such as {others[0]!r}")
-    return n_rows, n_torn, notes
+    return n_rows, notes
 
 
 def encoding_of(head: bytes) -> str:
@@ -194,7 +194,6 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
         names=list(layout.names),
         index_col=False,
         chunksize=CHUNK_ROWS,
-        comment=layout.comment if len(layout.comment) == 1 else None,
         skipinitialspace=True,
         keep_default_na=False,
         na_values={name: list(MISSING) for name in layout.numeric},
@@ -212,23 +211,12 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
     return {name: column[:rows] for name, column in columns.items()}
 
 
-def _numeric(
-    cells: Columns, layout: TableLayout, n_torn: int, known: Sequence[str] = ()
-) -> Stream:
+def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    n_torn: lines that are left out already. known: notes on others. Raises EmptyRecording.
+    notes: on what was left out before. Raises EmptyRecording.
     """
     columns: Columns = {}
-    notes = [*known]
-    if n_torn:
-        notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
-    if n_torn > MOST_TORN * len(cells[layout.names[0]]):
-        raise ColumnError(
-            f"{n_torn} lines have another number of cells than {len(layout.names)}",
-            cause="a row that goes on in the next line, or several tables in one file",
-            next_step="write each row as one line, and each table as a file",
-        )
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
     for name in layout.names:
         column = _typed(cells[name], name, layout.form.decimal, notes)
@@ -282,10 +270,7 @@ def stamps_of(cells: pd.Series) -> Column:
         )
         spans = dates - EPOCH
     else:
-        clock = texts.str.extract(r"([\d:.]+)")[0]
-        has_hours = clock.str.count(":") > 1
-        clock = clock.where(has_hours, "0:" + clock)
-        spans = pd.to_timedelta(clock, errors="coerce")
+        spans = pd.to_timedelta(texts.str.extract(r"([\d:.]+)")[0], errors="coerce")
         if first.endswith("M"):
             spans = spans % NOON + NOON * texts.str.endswith("PM").astype(int)
 
@@ -294,7 +279,6 @@ def stamps_of(cells: pd.Series) -> Column:
         ns = np.where(spans.isna(), np.nan, ns)
     if date:
         return ns
-    # a step of nearly a day back is midnight; minutes and seconds alone begin anew each hour
-    period = HOUR_NS * (24 if has_hours.any() else 1)
+    # a step of nearly a day back is midnight
     steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
-    return ns + period * np.cumsum(steps < -period / 2)
+    return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)

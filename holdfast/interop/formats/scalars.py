@@ -13,8 +13,8 @@ import numpy as np
 from holdfast.core.column_map import flat_fields
 from holdfast.core.errors import NotANumber
 from holdfast.core.schema import json_of, text_of
-from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
-from holdfast.interop.tables import streams_of
+from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, text_column
+from holdfast.interop.formats.tables import streams_of
 
 MOST_FACTS = 60
 """An object with more is no description of a trial."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.hand_card import (
     FEWEST_SENSORS,
@@ -83,19 +84,30 @@ def write_beside(folder: Path, plan: ImportMap, near: Path, written: Json) -> No
     write_whole(folder / MAP_FILE, map_text(plan))
 
 
+def thumb_sensors(sensors: Sequence[SensorColumns]) -> int:
+    """How many sensors, the first ones, a proposed card has on the thumb's side.
+
+    By the names, else a third; 0 where no card is proposed: of six sensors, which are the
+    fingertips, and where no card has so many.
+    """
+    n_sensors = len(sensors)
+    if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+        return 0
+    named = sum(bool(THUMB.search(sensor.x)) for sensor in sensors)
+    return named if 0 < named < n_sensors else max(1, n_sensors // 3)
+
+
 def hand_card_text(plan: ImportMap, near: Path) -> str:
     """The hand card of a set: what the map names, else one that is proposed for its sensors.
 
-    "" for six sensors without a card, which are the fingertips, and where no card has so many.
+    "" where none is proposed.
     """
     if plan.hand:
         return find_hand_card(plan.hand, near.parent).read_text("utf-8")
+    n_thumb = thumb_sensors(plan.sensors)
     n_sensors = len(plan.sensors)
-    if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+    if not n_thumb:
         return ""
-    # the thumb's side comes first in a card: by the names, else a third of the sensors
-    named = sum(bool(THUMB.search(sensor.x)) for sensor in plan.sensors)
-    n_thumb = named if 0 < named < n_sensors else max(1, n_sensors // 3)
     sensors: list[Json] = []
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):

@@ -1,4 +1,4 @@
-"""Which files are logs, how each is read, and which table of events or of names is beside which.
+"""Which files are logs, how each is read, and what is refused.
 
 A bag of ROS 2 is a folder with metadata.yaml, a LeRobot set one with meta/info.json. Any other file
 that begins like a table is one, whatever it is called.
@@ -6,8 +6,7 @@ that begins like a table is one, whatever it is called.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -16,23 +15,12 @@ import numpy as np
 
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.joining import (
-    made_wide,
-    oldest_first,
-    united,
-    whole_stamps,
-    without_repeats,
-)
-from holdfast.interop.streams import ForeignLog, Stream, counted, first_stream
-from holdfast.interop.tables import begin_of
+from holdfast.interop.formats.streams import ForeignLog, Stream, counted, first_stream
+from holdfast.interop.formats.tables import begin_of
+from holdfast.interop.joining import united, whole_stamps, without_repeats
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
-NO_LOGS = (
-    ".jsonl", ".toml", ".yaml", ".yml", ".md", ".html", ".svg", ".xml", ".ipynb", ".py",
-    ".m", ".c", ".h", ".cpp", ".ino",
-)  # fmt: skip
-"""Texts that may look like tables."""
 SCALARS = ".json"
 """What one object says of a trial: who held what, and when it fell."""
 MODULES = {
@@ -70,8 +58,6 @@ FOREIGN = {
     "a recording of a camera system: export it as CSV": (".c3d", ".trc", ".tdms"),
 }
 """What others write and nothing here reads -> endings."""
-WORD = r"[/_ .-]+"
-"""Between the words of a path."""
 
 
 @dataclass(frozen=True)
@@ -90,35 +76,32 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     """(the logs of a file or folder, by name; what is no log, in words). Raises DataNotFound."""
     others: list[str] = []
     found: dict[str, LogPlace] = {}
-    doubtful: list[LogPlace] = []
     root = source if _kind_of(source) is None else source.parent
 
     # of two with one name a text is that of the labels
     places = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
     for place in sorted(places, key=lambda one: counted(one.name)):
         wide = _columns_of(place)
-        if place.path != source and not wide:
+        name = place.path.name if place.name in found else place.name
+        if not wide and place.path != source:
             others.append(place.path.name)
-            doubtful += [] if place.kind in (*PROSE, *NO_LOGS) else [place]
         elif place.kind == SCALARS:
             found[place.path.as_posix()] = place
-        elif place.name in found and wide > LABEL_COLUMNS:
-            others.append(f"{place.path.name} (as {found[place.name].path.name})")
+        elif name != place.name and wide > LABEL_COLUMNS:
+            others.append(f"{name} (as {found[place.name].path.name})")
         else:
-            found[place.path.name if place.name in found else place.name] = place
+            found[name] = place
 
-    # where there is nothing else, reading them says what is wrong
-    places = [*found.values()] or doubtful
-    if not places or {place.kind for place in places} == {SCALARS}:
+    if {place.kind for place in found.values()} <= {SCALARS}:
         seen = next((path for path in source.rglob("*") if path.is_file()), None)
         what = "no log in this folder" if source.exists() else "no such file or folder"
         raise DataNotFound(
             f"{what}; {seen.name} is {_what_it_is(seen)}" if seen else what,
-            where=source,
+            where=seen or source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
-    return places, others
+    return [*found.values()], others
 
 
 def _what_it_is(path: Path) -> str:
@@ -136,7 +119,9 @@ def read_log(place: LogPlace) -> ForeignLog:
 
     Raises LibraryMissing for its extra, or a DataError that names the file.
     """
-    reader = import_module(f"holdfast.interop.{MODULES.get(place.kind, 'tables')}")
+    reader = import_module(
+        f"holdfast.interop.formats.{MODULES.get(place.kind, 'tables')}"
+    )
     what = _what_it_is(place.path) if place.path.is_file() else "no table"
     if what != "no table":
         raise NotANumber(f"{place.path.name} is {what}", where=place.path)
@@ -157,15 +142,12 @@ def read_log(place: LogPlace) -> ForeignLog:
             next_step="open it with the program that wrote it, and save it again or as CSV",
         ) from None
 
-    streams = []
-    for stream in filter(lambda one: one.rows, log.streams):
-        stream = oldest_first(whole_stamps(stream))
-        streams.append(without_repeats(made_wide(stream)))
-    if not streams:
-        raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}
-    for stream in streams:
-        same.setdefault(tuple(stream.columns), []).append(stream)
+    for stream in filter(lambda one: one.rows, log.streams):
+        plain = without_repeats(whole_stamps(stream))
+        same.setdefault(tuple(plain.columns), []).append(plain)
+    if not same:
+        raise EmptyRecording("no row of data", where=place.path)
     return replace(log, streams=tuple(map(united, same.values())))
 
 
@@ -174,13 +156,12 @@ def _columns_of(place: LogPlace) -> float:
 
     What may be prose must have mostly numbers.
     """
-    is_other = place.kind in MODULES and place.kind != SCALARS
-    if is_other or place.kind in NO_LOGS:
-        return np.inf if is_other else 0
+    if place.kind in MODULES and place.kind != SCALARS:
+        return np.inf
     try:
         if place.kind == SCALARS:
             return first_stream(read_log(place)).rows
-        layout, *_ = begin_of(place.path)
+        layout, _ = begin_of(place.path)
     except DataError:
         return 0
 
@@ -203,39 +184,5 @@ def _kind_of(path: Path) -> str | None:
     """The ending of a file, "" for one that is not known; the mark of a folder; else None."""
     if path.is_file():
         suffix = path.suffix.lower()
-        return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS, SCALARS) else ""
+        return suffix if suffix in (*LOG_SUFFIXES, SCALARS) else ""
     return next((mark for mark in LOG_MARKS if (path / mark).is_file()), None)
-
-
-# -- tables beside logs
-
-
-def paired(logs: Sequence[str], tables: Sequence[str]) -> dict[str, str]:
-    """The name of a log -> that of the table beside it; what is not clear is left out.
-
-    Names of a pair differ in one word of the table, the same in all pairs: trial_1_motion and
-    trial_1_events, data/x and labels/x, t1 and t1; or a table is alone with a log in a folder.
-    """
-    pairs: dict[str, dict[str, str]] = {}
-    for table in tables:
-        near: dict[str, list[str]] = {}
-        for log in logs:
-            word = other_word(log, table)
-            if word is not None:
-                near.setdefault(word, []).append(log)
-        for word, of_word in near.items():
-            if len(of_word) == 1:
-                pairs.setdefault(word, {})[of_word[0]] = table
-    return max(pairs.values(), key=len, default={})
-
-
-def other_word(log: str, table: str) -> str | None:
-    """The word of a table's name that its log has not; None where they differ in more."""
-    ours, theirs = re.split(WORD, log), re.split(WORD, table)
-    for _ in range(2):
-        while ours and theirs and ours[-1] == theirs[-1]:
-            ours, theirs = ours[:-1], theirs[:-1]
-        ours, theirs = ours[::-1], theirs[::-1]
-    word = "".join(theirs)
-    # a number would be that of another trial
-    return None if len(theirs) > 1 or re.search(r"\d", word) else word

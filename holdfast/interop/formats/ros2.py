@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.errors import needs_extra
-from holdfast.interop.streams import ForeignLog
-from holdfast.interop.tables import streams_of
+from holdfast.interop.formats.streams import ForeignLog
+from holdfast.interop.formats.tables import streams_of
 
 with needs_extra("ros2"):
     from rosbags.highlevel import AnyReader

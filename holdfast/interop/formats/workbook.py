@@ -1,7 +1,7 @@
 """Sheets of Excel workbooks by openpyxl, which only this module imports.
 
-A sheet is read as the text that it would be, and is a stream. Of tables side by side with an empty
-column between them the first is read, as of those with an empty row between them.
+A sheet is read as the text that it would be, and is a stream. Of tables with an empty row between
+them the first is read.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import DataError, needs_extra
-from holdfast.interop.layout import layout_of
-from holdfast.interop.streams import ForeignLog
-from holdfast.interop.tables import HEAD_LINES, pd, read_table
+from holdfast.interop.formats.layout import layout_of
+from holdfast.interop.formats.streams import ForeignLog
+from holdfast.interop.formats.tables import HEAD_LINES, pd, read_table
 
 with needs_extra("xlsx"):
     import openpyxl
@@ -32,20 +32,15 @@ def read_log(path: Path, name: str) -> ForeignLog:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         for sheet in book.worksheets:
             cells = pd.DataFrame(sheet.values, dtype=object).map(_plain)
-            is_empty = cells.isna().all()
-            tables = is_empty.cumsum()[~is_empty]
-            first = tables[tables == tables.min()].index
-            text = cells[first].to_csv(sep=";", header=False, index=False)
+            text = cells.dropna(axis=1, how="all").to_csv(
+                sep=";", header=False, index=False
+            )
             # an empty row is an empty line
             lines = re.sub("(?m)^;+$", "", text).splitlines(keepends=True)
             # a sheet of notes is no table
             with suppress(DataError):
                 table = read_table(lines, layout_of(tuple(lines[:HEAD_LINES])))
-                notes = table.notes
-                if len(first) < len(tables):
-                    beside = f"sheet {sheet.title}: a table beside the first left out"
-                    notes = (*notes, beside)
-                streams.append(replace(table, name=sheet.title, notes=notes))
+                streams.append(replace(table, name=sheet.title))
 
         book.close()
 

@@ -38,7 +38,7 @@ ARRIVAL = re.compile(
 """A time before a line, of day or, of ESP-IDF, in ms."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 STAMP = re.compile(
-    rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
+    rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}"
 )
 _CELL = r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|none|null)"
 GAP = r"[\s,;]+"
@@ -124,15 +124,14 @@ class Form:
 class TableLayout:
     """names: of the columns. first_row: index of the first line of numbers.
 
-    numeric: the columns that hold numbers in the first lines. comment: what begins a comment.
-    rate_hz: as the lines above the names say, None where they say nothing. unit: words of theirs.
+    numeric: the columns that hold numbers in the first lines. rate_hz: as the lines above the names
+    say, None where they say nothing. unit: words of theirs.
     """
 
     form: Form
     names: tuple[str, ...]
     first_row: int
     numeric: tuple[str, ...]
-    comment: str = ""
     rate_hz: float | None = None
     unit: str = ""
 
@@ -145,8 +144,7 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
     last of these lines numbers, and of equal ones that with the most columns. Kept for the newest
     tables: an import looks at each several times.
     """
-    comment = next((one for one in COMMENTS if _begins(lines, one)), "")
-    data = ["" if comment and _begins([line], comment) else line for line in lines]
+    data = ["" if line.lstrip().startswith(COMMENTS) else line for line in lines]
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
     # the last line may be cut off
     has_names = len(PAIR.findall(" ".join(judged[-2:-1]))) > FEWEST_PAIRS
@@ -175,22 +173,16 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
         for one in data[first:]
     )
     is_odd = form.has_names or bool(form.thousands) or any(odd)
-    above = [line.lstrip(f" {comment}") for line in lines[:first]]
+    above = [line.lstrip(f" {''.join(COMMENTS)}") for line in lines[:first]]
     names = _heading(above, data[first], form)
     if form.has_names:
         found = PAIR.findall(data[first])[:wide]
         # the time of arrival has none
         names = [""] * (wide - len(found)) + found
-    # pandas names columns without names 0, 1, 2, .., and writes nothing above the index
-    counted = [*map(str, range(wide))]
-    if wide > 3 and rows[first] in (counted, ["", *counted[:-1]]):
-        names, first = rows[first], first + 1
     names = _unique(names)
     whole = [row for row in rows[first:] if len(row) == wide]
     columns = zip(names, *whole, strict=True)
     numeric = [name for name, *cells in columns if form.share(cells) >= 0.5]
-    if not _begins(lines[first:], comment or "\n"):
-        comment = ""
     form = replace(form, is_odd=is_odd)
     head = "\n".join(lines[:first])
     rates = {*map(max, RATE.findall(head))}
@@ -203,16 +195,9 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
         tuple(names),
         first,
         tuple(numeric),
-        comment,
         rate_hz,
         " ".join(HEAD_UNIT.findall(head)),
     )
-
-
-def _begins(lines: Sequence[str], comment: str) -> bool:
-    """Whether some lines begin with a sign of comments, but not most of several."""
-    n_begin = sum(line.lstrip().startswith(comment) for line in lines)
-    return 0 < n_begin <= max(1, len(lines) // 2)
 
 
 def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:

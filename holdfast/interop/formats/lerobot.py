@@ -25,9 +25,9 @@ from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
 from holdfast.data.datasets.thesis import common_rate
-from holdfast.interop.parquet import read_columns, write_columns, write_rows
-from holdfast.interop.payload import LABEL_OF, NO_LABEL, TrialPayload
-from holdfast.interop.streams import Columns, ForeignLog, Stream
+from holdfast.interop.formats.parquet import read_columns, write_columns, write_rows
+from holdfast.interop.formats.payload import LABEL_OF, NO_LABEL, TrialPayload
+from holdfast.interop.formats.streams import Columns, ForeignLog, Stream
 
 with needs_extra("lerobot"):
     import pandas as pd

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.errors import needs_extra
-from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
+from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, text_column
 
 with needs_extra("xdf"):
     import pyxdf

@@ -21,8 +21,8 @@ import numpy as np
 from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of, message_of
-from holdfast.interop.payload import TrialPayload
-from holdfast.interop.streams import ForeignLog
+from holdfast.interop.formats.payload import TrialPayload
+from holdfast.interop.formats.streams import ForeignLog
 
 with needs_extra("mcap"):
     from google.protobuf.json_format import MessageToDict
@@ -125,7 +125,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
             reader = NonSeekingReader(file, validate_crcs=True)
             for schema, channel, message in reader.iter_messages(log_time_order=False):
                 if schema is not None and schema.encoding == "ros2msg":
-                    from holdfast.interop.ros2 import read_log as read_bag
+                    from holdfast.interop.formats.ros2 import read_log as read_bag
 
                     return read_bag(path, name)
                 if channel.id not in decoders:
@@ -146,7 +146,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
             raise
         notes = ("cut off: read as far as it goes",)
 
-    from holdfast.interop.tables import streams_of
+    from holdfast.interop.formats.tables import streams_of
 
     return ForeignLog(path, name, streams_of(messages, notes), about)
 

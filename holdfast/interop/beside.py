@@ -1,0 +1,114 @@
+"""Which files are one trial: a log, or a file for each finger, and what lies beside it.
+
+Beside a log lie a table of events and an object of facts. They are read with it, so that a log has
+all that is said of its trial.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.core.errors import TimeError
+from holdfast.interop.columns import find_time
+from holdfast.interop.formats.logs import SCALARS, LogPlace, read_log
+from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, first_stream
+
+Files = dict[str, list[LogPlace]]
+"""Name of a log -> its file, or a file for each finger; then what lies beside it."""
+WORD = r"[/_ .-]+"
+"""Between the words of a path."""
+
+
+def files_of(
+    logs: Sequence[LogPlace], beside: Sequence[LogPlace], fingers: Sequence[str]
+) -> Files:
+    """The files of each log, of a file for each finger in the order of `fingers`."""
+    files: Files = {}
+    for place in () if fingers else logs:
+        files.setdefault(place.name, [place])
+    for word in fingers:
+        # the whole word, and the signs around it
+        token = re.compile(rf"(^|{WORD}){re.escape(word)}($|{WORD})")
+        for place in logs:
+            if token.search(place.name):
+                name = token.sub("_", place.name).strip("_") or "log"
+                files.setdefault(name, []).append(place)
+    logs_found = [*files]
+    for is_fact in (False, True):
+        tables = {one.name: one for one in beside if (one.kind == SCALARS) == is_fact}
+        for name, table in paired(logs_found, [*tables]).items():
+            files[name].append(tables[table])
+    return files
+
+
+def read_joined(
+    places: Sequence[LogPlace], fingers: Sequence[str], name: str
+) -> ForeignLog:
+    """A log of its files: with several fingers its columns are `finger.column`.
+
+    A table beside it is a stream that is named as its files are, with * for the name of a log; a
+    fact is a column, too. Raises TimeError for a finger without a time.
+    """
+    n_files = max(1, len(fingers))
+    log = replace(read_log(places[0]), name=name)
+    if fingers:
+        parts = zip(fingers, places[:n_files], strict=True)
+        log = replace(log, streams=tuple(_of_finger(*one) for one in parts))
+    readings, facts, tables = first_stream(log), Columns(), [*log.streams]
+    tables.remove(readings)
+    for place in places[n_files:]:
+        pattern = f"*{other_word(name, place.name)}*{place.path.suffix}"
+        for stream in read_log(place).streams:
+            if place.kind == SCALARS and not stream.name:
+                for key, fact in stream.columns.items():
+                    facts[key] = np.repeat(fact, readings.rows)
+            name_of_all = pattern.replace("**", "*")
+            tables.append(replace(stream, t_ns=None, name=name_of_all))
+    readings = replace(readings, columns=facts | readings.columns)
+    return replace(log, streams=(readings, *tables))
+
+
+def _of_finger(word: str, place: LogPlace) -> Stream:
+    """The readings in the file of a finger, by their stamps."""
+    columns = dict(first_stream(read_log(place)).columns)
+    time = find_time(columns)
+    if time is None or not time.value.column:
+        raise TimeError("no column of time to join files by", where=place.path)
+    t_ns = np.round(columns.pop(time.value.column) * time.value.unit_ns)
+    named = {f"{word}.{key}": column for key, column in columns.items()}
+    return Stream(named, t_ns.astype(np.int64), word)
+
+
+def paired(logs: Sequence[str], tables: Sequence[str]) -> dict[str, str]:
+    """The name of a log -> that of the table beside it; what is not clear is left out.
+
+    Names of a pair differ in one word of the table, the same in all pairs: trial_1_motion and
+    trial_1_events, data/x and labels/x, t1 and t1; or a table is alone with a log in a folder.
+    """
+    pairs: dict[str, dict[str, str]] = {}
+    for table in tables:
+        near: dict[str, list[str]] = {}
+        for log in logs:
+            word = other_word(log, table)
+            if word is not None:
+                near.setdefault(word, []).append(log)
+        for word, of_word in near.items():
+            if len(of_word) == 1:
+                pairs.setdefault(word, {})[of_word[0]] = table
+    return max(pairs.values(), key=len, default={})
+
+
+def other_word(log: str, table: str) -> str | None:
+    """The word of a table's name that its log has not; None where they differ in more."""
+    ours, theirs = re.split(WORD, log), re.split(WORD, table)
+    for _ in range(2):
+        while ours and theirs and ours[-1] == theirs[-1]:
+            ours, theirs = ours[:-1], theirs[:-1]
+        ours, theirs = ours[::-1], theirs[::-1]
+    word = "".join(theirs)
+    # a number would be that of another trial
+    return None if len(theirs) > 1 or re.search(r"\d", word) else word

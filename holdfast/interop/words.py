@@ -1,0 +1,112 @@
+"""What words mean: all that names of columns, paths, labels and heads of files are read by.
+
+A name says what its whole words say. Each list is a pattern of one word; where a word of a list
+would say nothing to everyone, it is asked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+TIME = "time|timestamp|stamp|t|clock|elapsed|when|date|datetime|zeit|temps|tiempo|tempo"
+TIME_UNITS = {
+    "s": "s|secs?|seconds?",
+    "ms": "ms|msecs?|millis|milliseconds?",
+    "us": "[uµμ]s|usecs?|micros|microseconds?",
+    "ns": "ns|nsecs?|nanos?|nanosecs?|nanoseconds?",
+}
+SIGNAL_UNITS = {
+    "N": "N|(?i:newtons?)",
+    "mN": "(?i:mn|millinewtons?)",
+    "cN": "(?i:cn|centinewtons?)",
+    "dN": "dN|(?i:decinewtons?)",
+    "kN": "(?i:kn|kilonewtons?)",
+    "gf": "g|(?i:gf|grams?)",
+    "kgf": "(?i:kgf?|kp|kilograms?)",
+    "lbf": "(?i:lbf?|lbs|pounds?)",
+    "ozf": "(?i:ozf?|ounces?)",
+    "uT": "(?i:[uµμ]t|microteslas?)",
+    "mT": "(?i:mt|milliteslas?)",
+    "G": "G|(?i:gs|gauss)",
+    "T": "T|(?i:teslas?)",
+    "count": "(?i:counts?|raw|adc|lsb|digits)",
+}
+"""Unit -> its words; G is gauss and g is gram."""
+NO_UNIT = "(?i)f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrated)?|axis|mag|data"
+"""Words behind an axis that are no unit."""
+NO_SENSOR = (
+    "torque|moment|translation|rotation|quaternion|orientation|covariance|gyro|pose|position|pos|"
+    "angular|velocity|vel|acc|accel|acceleration|imu|joint|marker|transform|action|state|"
+    "displacement|disp|deformation|cop|angle|direction|dir|resultant|total|sum|net|mean|euler|std"
+)
+"""Words of three axes that are no reading of a fingertip."""
+NAMED = {
+    "person": "person|subject|participant|user",
+    "object": "object|item|obj",
+    "action": "action|condition|task|outcome|result",
+    "column": "trial|run|episode|rep|repetition|recording|sheet",
+}
+"""What a column holds: what a trial is called by, or its number -> words of its name."""
+LABEL = (
+    "labels?|events?|phase|state|situation|markers?|annotation|class|slip|slipping|status|trigger|"
+    "what|was|type"
+)
+TRIAL = "trial|file|log|run|recording|episode|name"
+START = f"start|begin|from|von|onset|t0|at|first|{TIME}"
+ROWS = "rows?|index|sample"
+LENGTH = "duration|length"
+END = f"end|stop|to|bis|until|offset|finish|t1|last|{LENGTH}"
+"""Words of the columns of labels, and of a table of events."""
+HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
+OUTCOMES = {
+    "grasp": HELD,
+    "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",
+    "risky_slip": "risky|gross slip|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
+}
+"""Situation -> its words, which also name a whole trial."""
+SITUATIONS = {
+    **OUTCOMES,
+    "": "unlabel|unknown|none|ignore",
+    "nothing": "nothing|no contact|open|empty|idle|rest|free|no touch",
+    "grasp": f"{HELD}|grasp|hold|grip|contact|lift|carry|touch",
+}
+"""Situation -> words in labels that mean it."""
+FILLERS = f"{START}|is|has|the|a|object|hand|phase|state|labels?|event|class|flag|gt|truth|data"
+"""Words beside them that change nothing."""
+ENDINGS = "(?:s|es|d|[a-z]?ed|[a-z]?ing)?"
+"""Of a word in another form: slips, slipped, slipping."""
+OVER = "end|stop|finish|off|offset"
+"""Before or behind the word of what ends there."""
+OFF = "|0|no|false|off|n|f|\\.|-|none|nein|non"
+"""What stands where a mark is not."""
+FINGERS = (
+    "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
+    "little|pinky|lf|five",
+    "six", "seven", "eight", "nine", "ten", "palm",
+)  # fmt: skip
+"""Words of fingers, and of their numbers, in the order of a hand."""
+
+
+def words_of(name: str) -> set[str]:
+    """Lower-case words, also the parts of `thumbX`, thumb and x, and those with a number, as t0."""
+    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    words = re.findall(r"[^\W\d_]+|[^\W_]+", f"{name} {parted}")
+    return {word.lower() for word in (*words, *re.split(r"[\W_]", name))}
+
+
+def says(name: str, words: str) -> bool:
+    """Whether a name has one of some words."""
+    return any(re.fullmatch(words, word) for word in words_of(name))
+
+
+def meaning(word: str, meanings: Mapping[str, str]) -> str | None:
+    """What a word means, of things and their words; None where it means none of them."""
+    found = (thing for thing, words in meanings.items() if re.fullmatch(words, word))
+    return next(found, None)
+
+
+def unit_of_time(name: str) -> str | None:
+    """The unit that a name of time has."""
+    units = (unit for unit, words in TIME_UNITS.items() if says(name, words))
+    return next(units, None)
