@@ -34,8 +34,6 @@ SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
         "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
-        "wide": "docs/measured/wide-080828f74eb1.json",
-        "loop": "docs/measured/loop-2026-11-28.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
         "latency": "docs/measured/latency-150hz.json",
         "evaluated": EVALUATED,
@@ -48,7 +46,6 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/faq.md": {"latency": "docs/measured/latency-150hz.json"},
     "docs/for-boards.md": {"arm": "docs/measured/arm.json"},
     "docs/for-clinicians.md": {
-        "cost": "docs/measured/cost.json",
         "evaluated": EVALUATED,
         "lifts": "docs/measured/people-2026-11-28.json",
     },
@@ -73,11 +70,9 @@ SOURCES: dict[str, dict[str, str]] = {
         "real": "docs/measured/people-pinching.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
         "openings": "docs/measured/world-openings-e2feeff75e0a.json",
-        "wide": "docs/measured/wide-080828f74eb1.json",
+        "before": "docs/measured/evaluated-87cf3b64.json",
         "lifts": "docs/measured/people-2026-11-28.json",
         "cost": "docs/measured/cost.json",
-        "tiny": "docs/measured/wide-9d282ae40fef.json",
-        "slower": "docs/measured/wide-2ff3bcf27669.json",
     },
     "docs/scenes.md": {
         "simulator": "docs/measured/simulator.json",
