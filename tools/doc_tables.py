@@ -30,6 +30,7 @@ from tools import table_rows
 
 TEMPLATES = Path(__file__).with_name("tables")
 EVALUATED = "docs/measured/evaluated.json"
+BEFORE = "docs/measured/evaluated-87cf3b64.json"
 SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
         "cost": "docs/measured/cost.json",
@@ -57,6 +58,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "evaluated": EVALUATED,
+        "before": BEFORE,
         "lifts": "docs/measured/people-2026-11-28.json",
         "nested": "docs/measured/nested-choice-2026-11-28.json",
         "real": "docs/measured/people-pinching.json",
@@ -70,7 +72,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "real": "docs/measured/people-pinching.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
         "openings": "docs/measured/world-openings-e2feeff75e0a.json",
-        "before": "docs/measured/evaluated-87cf3b64.json",
+        "before": BEFORE,
         "lifts": "docs/measured/people-2026-11-28.json",
         "cost": "docs/measured/cost.json",
     },
