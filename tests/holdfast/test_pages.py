@@ -58,10 +58,10 @@ def follow(
             shutil.copytree(words[-1], made)
         return printed
 
-    def of(page: str, elsewhere: str = "nothing") -> str:
+    def of(page: str, elsewhere: str | None = None) -> str:
         printed = ""
         for kind, block in BLOCK.findall((ROOT / "docs" / page).read_text("utf-8")):
-            if elsewhere in block:
+            if elsewhere is not None and elsewhere in block:
                 continue
             if kind == "python":
                 names: dict[str, Any] = {}
