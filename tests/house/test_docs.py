@@ -114,9 +114,7 @@ LOST = re.compile(
 
 def told_unknown(text: str) -> list[str]:
     """Sentences in which a sensor is lost and the state unknown, and nothing says how many."""
-    found = []
-    for paragraph in re.split(r"\n\s*\n|\n(?=- |\|)", text):
-        for one in re.split(r"(?<=[.:;]) (?=[A-Z*`])", " ".join(paragraph.split())):
-            if LOST.search(one) and "unknown" in one:
-                found += [one] if not re.search("degraded|too many", one) else []
-    return found
+    ends = r"(?<=[.:;])\s(?=[A-Z*`])|\n\n|\n(?=- |\|)"
+    sentences = [" ".join(one.split()) for one in re.split(ends, text)]
+    unknown = [one for one in sentences if LOST.search(one) and "unknown" in one]
+    return [one for one in unknown if not re.search("degraded|too many", one)]
