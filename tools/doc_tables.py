@@ -30,12 +30,11 @@ from tools import table_rows
 
 TEMPLATES = Path(__file__).with_name("tables")
 EVALUATED = "docs/measured/evaluated.json"
+BEFORE = "docs/measured/evaluated-87cf3b64.json"
 SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
         "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
-        "wide": "docs/measured/wide-080828f74eb1.json",
-        "loop": "docs/measured/loop-2026-11-29.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
         "latency": "docs/measured/latency-150hz.json",
         "evaluated": EVALUATED,
@@ -48,7 +47,6 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/faq.md": {"latency": "docs/measured/latency-150hz.json"},
     "docs/for-boards.md": {"arm": "docs/measured/arm.json"},
     "docs/for-clinicians.md": {
-        "cost": "docs/measured/cost.json",
         "evaluated": EVALUATED,
         "lifts": "docs/measured/people-2026-11-29.json",
     },
@@ -60,6 +58,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "evaluated": EVALUATED,
+        "before": BEFORE,
         "lifts": "docs/measured/people-2026-11-29.json",
         "nested": "docs/measured/nested-choice-2026-11-28.json",
         "real": "docs/measured/people-pinching.json",
@@ -73,11 +72,9 @@ SOURCES: dict[str, dict[str, str]] = {
         "real": "docs/measured/people-pinching.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
         "openings": "docs/measured/world-openings-e2feeff75e0a.json",
-        "wide": "docs/measured/wide-080828f74eb1.json",
+        "before": BEFORE,
         "lifts": "docs/measured/people-2026-11-29.json",
         "cost": "docs/measured/cost.json",
-        "tiny": "docs/measured/wide-9d282ae40fef.json",
-        "slower": "docs/measured/wide-2ff3bcf27669.json",
     },
     "docs/scenes.md": {
         "simulator": "docs/measured/simulator.json",

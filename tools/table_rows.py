@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from benchmarks.cost.point import README_POINTS
@@ -12,6 +13,7 @@ from holdfast.core.schema import ranges
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.metrics import ABSENT, over
 from holdfast.edge_runtime.grip import AnswerRules
+from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.live.output_table import OUTPUTS
 from holdfast.simulation import SCENES, shipped_scenes
@@ -35,6 +37,7 @@ from studies.shared_control.targets import target_rows as loop_targets
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
 Rows = Sequence[Json]
+SHIPPED = Path(__file__).resolve().parents[1] / "models/holdfast-150hz.onnx"
 SENSORS, RATE_HZ = 6, 58.9
 """What the numbers of the page of features are for."""
 
@@ -211,13 +214,14 @@ def parameter_rows() -> list[Json]:
 
 
 def rule_rows() -> list[Json]:
-    """Every number of the grip's answers: its usual value, its range, what it is."""
+    """Every number of the grip's answers: its shipped value, its range, what it is."""
+    shipped = AnswerRules.of(Model(SHIPPED).card.decision)
     rows = []
     for name, one in ranges(AnswerRules).items():
-        usual = getattr(AnswerRules, name)
+        value = getattr(shipped, name)
         ends = f"from {one.ge:g}" if one.le is None else f"{one.ge:g} to {one.le:g}"
         row = {"name": name, "range": ends, "about": one.description}
-        rows.append({**row, "usual": f"{usual:g}" if usual < math.inf else ABSENT})
+        rows.append({**row, "shipped": f"{value:g}" if value < math.inf else ABSENT})
     return rows
 
 

@@ -19,7 +19,7 @@ docs/safety.md has the invariants; tests/edge_runtime/test_supervisor.py searche
 One grip command a sample reaches the hand, as one JSON line:
 
     {"sequence":812,"t_ns":5413333333,"mode":"tighten","target_n":9.4,"slew_n_s":400.0,
-     "feedback":0.6,"reason":"risky slip","mu_hat":0.61,"margin":0.12,"expires_ms":300}
+     "feedback":0.8,"reason":"risky slip","mu_hat":0.61,"margin":0.12,"expires_ms":300}
 
 target_n is what the hand may add while its wearer does not open it (GripCommand in the contract).
 core/hand_lines.py says which lines a receiver obeys. `docs/shared-control.md` has every field, and

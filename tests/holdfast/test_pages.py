@@ -58,10 +58,10 @@ def follow(
             shutil.copytree(words[-1], made)
         return printed
 
-    def of(page: str, elsewhere: str = "nothing") -> str:
+    def of(page: str, elsewhere: str | None = None) -> str:
         printed = ""
         for kind, block in BLOCK.findall((ROOT / "docs" / page).read_text("utf-8")):
-            if elsewhere in block:
+            if elsewhere is not None and elsewhere in block:
                 continue
             if kind == "python":
                 names: dict[str, Any] = {}
@@ -82,6 +82,9 @@ def follow(
 @pytest.mark.filterwarnings("ignore")
 def test_getting_started_ends_with_figures(follow: Callable[..., str]) -> None:
     printed = follow("getting-started.md")
+    page = (ROOT / "docs/getting-started.md").read_text("utf-8")
+    (listed,) = re.findall(r"^```text\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    assert listed in printed
     assert '"state": "risky_slip"' in printed or '"state":"risky_slip"' in printed
     assert "macro F1 over four situations" in printed
 
@@ -130,12 +133,13 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     follow("api.md")
     states = r"(unknown|nothing|grasp|safe_slip|risky_slip)"
     printed = capsys.readouterr().out
-    # the arrays of a recording, then the last of its samples one by one
-    ends = re.findall(rf"^{states} 0\.\d+ (?:True|False)$", printed, re.MULTILINE)
-    assert len(ends) == 2
-    assert ends[0] == ends[1]
     assert re.search(rf"^{states} \d+ us$", printed, re.MULTILINE)
-    assert "no such model file | export one" in printed
+    # what a machine's speed has no part in stands in comments at the end of a block
+    page = (ROOT / "docs/api.md").read_text("utf-8")
+    shown = re.findall(r"^((?:# [^\n]*\n)+)```$", page, re.MULTILINE)
+    assert len(shown) == 4
+    by_speed = re.compile(r"^.* us\n", re.MULTILINE)
+    assert "".join(shown).replace("# ", "") == by_speed.sub("", printed)
 
 
 def test_the_file_runs_by_plain_onnxruntime_as_its_page_shows(

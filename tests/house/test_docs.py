@@ -87,7 +87,34 @@ LOST_SENSOR = (
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/how-it-works.md", "docs/safety.md"]
+    "page",
+    ["README.md", "docs/for-clinicians.md", "docs/how-it-works.md", "docs/safety.md"],
 )
 def test_every_page_says_the_same_of_a_lost_sensor(page: str) -> None:
-    assert LOST_SENSOR in (ROOT / page).read_text("utf-8")
+    assert LOST_SENSOR in " ".join((ROOT / page).read_text("utf-8").split())
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name
+)
+def test_no_page_says_that_any_lost_sensor_makes_the_state_unknown(page: Path) -> None:
+    assert told_unknown(page.read_text("utf-8")) == []
+
+
+def test_a_sentence_that_gives_up_with_the_first_lost_sensor_is_found() -> None:
+    wrong = "Where sensors are lost, it answers `unknown`."
+    assert told_unknown(f"{LOST_SENSOR} {wrong}") == [wrong]
+
+
+LOST = re.compile(
+    r"sensors? (?:is|are) (?:lost|stale|saturated)|lost sensor|bad (?:sample|reading)"
+)
+"""Of one sensor or some; a lost sample is one of the whole hand."""
+
+
+def told_unknown(text: str) -> list[str]:
+    """Sentences in which a sensor is lost and the state unknown, and nothing says how many."""
+    ends = r"(?<=[.:;])\s(?=[A-Z*`])|\n\n|\n(?=- |\|)"
+    sentences = [" ".join(one.split()) for one in re.split(ends, text)]
+    unknown = [one for one in sentences if LOST.search(one) and "unknown" in one]
+    return [one for one in unknown if not re.search("degraded|too many", one)]
