@@ -23,7 +23,6 @@ from holdfast.interop.formats.payload import NO_LABEL, TrialPayload
 from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, text_column
 
 with needs_extra("parquet"):
-    import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -105,28 +104,30 @@ def read_columns(path: Path) -> tuple[Columns, Json]:
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     columns: Columns = {}
-    for name, cells in table.to_pandas().items():
-        columns |= _columns(str(name), cells)
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        columns |= _cells(name, column)
     return columns, about
 
 
-def _columns(name: str, cells: pd.Series) -> Columns:
+def _cells(name: str, column: Any) -> Columns:
     """A column of numbers, of texts, or the columns of a list of one length; none of others."""
-    if cells.dtype.kind == "M":
-        stamps = cells.dt.tz_localize(None).to_numpy("M8[ns]").astype(np.int64)
-        return {name: stamps}
-    if cells.dtype.kind in "iufb":
-        return {name: cells.to_numpy(float if cells.dtype.kind == "f" else np.int64)}
-    cells = cells.astype(object)
-    first = next((cell for cell in cells if cell is not None), None)
-    if isinstance(first, str):
-        return {name: text_column(cells.where(cells.notna(), None).tolist())}
+    types = pa.types
+    if types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    elif types.is_timestamp(column.type):
+        column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+    elif types.is_boolean(column.type):
+        column = column.cast(pa.int8())
+    kind = column.type
+    if types.is_string(kind) or types.is_large_string(kind):
+        return {name: text_column(column.to_pylist())}
+    if types.is_integer(kind) or types.is_floating(kind):
+        # pyarrow makes floats of whole numbers with a null
+        cells = column.to_numpy()
+        return {name: cells.astype(np.int64 if cells.dtype.kind in "iu" else float)}
     try:
-        rows = np.array(cells.tolist(), dtype=np.float64)
+        rows = np.array(column.to_pylist(), dtype=np.float64)
     except (TypeError, ValueError):  # other cells, or lists of several lengths
         return {}
-    if rows.ndim == 1:
-        return {name: rows}
-    return {
-        f"{name}.{k}": column for k, column in enumerate(rows.reshape(len(rows), -1).T)
-    }
+    rows = rows.reshape(len(rows), -1)
+    return {f"{name}.{k}": cells for k, cells in enumerate(rows.T)}
