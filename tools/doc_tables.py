@@ -59,6 +59,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "evaluated": EVALUATED,
         "before": BEFORE,
+        "closing": "docs/measured/closing-2026-11-29.json",
         "lifts": "docs/measured/people-2026-11-29.json",
         "nested": "docs/measured/nested-choice-2026-11-28.json",
         "real": "docs/measured/people-pinching.json",
