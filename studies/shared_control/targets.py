@@ -125,7 +125,7 @@ TARGETS = (
         "tightenings_per_min",
         ("wide",),
         4.0,
-        "12.5 on 7101: much that is saved there was only held more firmly",
+        "12.5 by 87cf3b64 (seed 7101): much that it saved was only held more firmly",
     ),
 )
 
