@@ -52,6 +52,9 @@ GIVEN = (
     "at most 0.5 false alarms",
     "at one false alarm a minute",
     "0.6 s of the contact",
+    "a target of 2 N or less",
+    "grip within 2 s",
+    "of 4 N or less",
     "within 1.2 s by 2 N",
     # what scenes assume and what was varied in them
     "a lag of 50 ms",
