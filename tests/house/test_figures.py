@@ -73,7 +73,7 @@ GIVEN = (
     "slowly after 1 s",
     "for 300 ms",
     "300 ms less 100 ms",
-    "over 200 ms later",
+    "over 200 ms larger",
     "by 6 ms a second",
     "by more than 100 ms",
     "every 0.3 s",
