@@ -479,9 +479,9 @@ class SlipAnswer:
 class LoadFollower:
     """The grip that keeps the share of friction in use where it was: it rises with the load.
 
-    The reference is what is usual in this hold (FrictionInUse); at least the floor. A load is
-    followed while STARTS times more is in use than `above` times the reference. The grip should
-    then be so large that no more than `above` times the reference is in use by the load that comes:
+    The reference is what is usual in this hold (FrictionInUse); at least the floor. `above` times
+    the reference may be in use. A load is followed while more than STARTS times that is. The grip
+    should then be so large that the load to come uses no more than may be in use:
     T / (2 above reference), where T is the load AHEAD_S later if it rises on as it does. A drive
     needs that long: where a support sinks away, a grip for the load of now is always late. The grip
     asked for is at most MOST_N and MOST_TIMES the wearer's grip over it. So a wearer who closes a

@@ -202,8 +202,7 @@ def _found_lines(figures: Json) -> list[str]:
     lifts = figures["slips_in_lifts"]
     rows = {"slips put into lifts": {name: lifts[name]["recall"] for name in BOTH}}
     rows |= lifts["recall_by_person"]
-    # a run of an older version does not have them
-    for scene, found in figures.get("slips_in_two_pad_scenes", {}).items():
+    for scene, found in figures["slips_in_two_pad_scenes"].items():
         rows[f"two-pad {scene}"] = {name: found[name]["recall"] for name in BOTH}
     lines = ["found: with lifts, scenes alone"]
     for name, found in rows.items():
@@ -224,7 +223,8 @@ def _force_lines(figures: Json) -> list[str]:
         )
     apart = figures["told_apart"]
     features = ", ".join(name for name, _ in apart["strongest"])
+    auc = number(apart["auc"])
     lines.append(
-        f"quiet holds of lifts and scenes are told apart (AUC {number(apart['auc'])}) by {features}"
+        f"a learner distinguishes quiet holds of lifts and scenes (AUC {auc}) by {features}"
     )
     return lines

@@ -113,11 +113,14 @@ def test_a_friction_estimate_is_published_with_what_it_asks_for() -> None:
 
 def test_raw_fields_have_ratios_and_no_newtons_and_every_reason_says_so() -> None:
     control, sliding = held(unit="uT"), 1000.0 * np.tile([0.5, 0.0, 1.0], 6)
-    commands = [step(control, sliding, **RISKY) for _ in range(6)]
+    # long enough for a load that came at once to be one that stays
+    commands = [step(control, sliding, **RISKY) for _ in range(600)]
     assert commands[0].mode == "tighten"
+    assert commands[-1].mode == "hold"
     assert {(one.target_n, one.needed_n) for one in commands} == {(None, None)}
     assert commands[-1].mu_hat == pytest.approx(0.5)
     assert commands[0].reason == "risky slip (reduced: no N)"
+    assert commands[-1].reason == "risky_slip (reduced: no N)"
     assert all(one.reason.endswith(" (reduced: no N)") for one in commands)
 
 

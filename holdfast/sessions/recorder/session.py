@@ -300,7 +300,7 @@ class Session:
 
 
 def task_in_words(task: Task) -> str:
-    """What a person is told to do in a trial."""
+    """The instruction that a person gets in a trial."""
     if task.action == NOTHING:
         return "the empty hand"
     style = f" ({task.style})" if task.style else ""
