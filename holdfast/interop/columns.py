@@ -37,6 +37,8 @@ CLOCK_NS = 10 * SECOND_NS
 """Dates and times of day are whole numbers of ns, and larger."""
 ALIKE, EVENLY = 0.6, 0.9
 """So large a share of a clock's steps are alike; of one without a name."""
+AS_HEAD = 0.1
+"""So near to the rate in the head of a log is that of its clock, of it."""
 FACTOR = re.compile(
     r"[\[(]([^\])]*\d\s*[^\W\d_]+|[^\W\d_]+\s*[*/x·×]\s*10*(?:\^-?\d+)?)[\])]"
 )
@@ -67,13 +69,15 @@ def find_time(
         if counts and not unit_of_time(name):
             counter = counter or name
         elif step:
-            clocks.append(_clock(name, column, step, alike))
+            clocks.append(_clock(name, column, step, alike, head_hz))
     if given_hz:
         return _counted(counter, given_hz, "as given")
     if LOG_TIME in columns:
         return Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
-    of_head = _counted(counter, head_hz, "by the head of the log") if head_hz else None
-    return best(*clocks, of_head)
+    found = best(*clocks)
+    if head_hz and found is None:
+        return _counted(counter, head_hz, "by the head of the log")
+    return found
 
 
 def _counted(counter: str, hz: float, why: str) -> Evidence[TimeColumn]:
@@ -83,11 +87,12 @@ def _counted(counter: str, hz: float, why: str) -> Evidence[TimeColumn]:
 
 
 def _clock(
-    name: str, column: Column, step: float, alike: float
+    name: str, column: Column, step: float, alike: float, head_hz: float | None
 ) -> Evidence[TimeColumn] | None:
     """A column that rises by a step as a clock; None where it is none, or its unit not clear.
 
-    One that is called so, or has no name: another quantity may rise evenly, too.
+    One that is called so, or has no name: another quantity may rise evenly, too. head_hz: the rate
+    that a clock without a unit must have.
     """
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
     named = unit_of_time(name)
@@ -103,14 +108,17 @@ def _clock(
         # an unnamed one has a value for each row
         n_rows = len(column[:JUDGED_ROWS])
         is_clock = name.startswith("column") and min(alike, n_values / n_rows) > EVENLY
+    is_certain = is_named and bool(named or is_date)
     units = [named] if named else ["ns"] if is_date else [*NS_OF]
-    fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
+    slowest, fastest = SLOWEST_HZ, FASTEST_HZ if named else FASTEST_UNNAMED_HZ
+    check = "" if is_certain else "rises in steps that are alike"
+    if head_hz and not is_certain:
+        slowest, fastest = (1.0 - AS_HEAD) * head_hz, (1.0 + AS_HEAD) * head_hz
+        check = "as fast as the head of the log says"
     for unit in units if is_clock else ():
         hz = 1e9 / (step * NS_OF[unit])
-        if SLOWEST_HZ <= hz <= fastest:
+        if slowest <= hz <= fastest:
             why = f"{name}, {hz:.4g} Hz, in {unit}"
-            is_certain = is_named and (named or is_date)
-            check = "" if is_certain else "rises in steps that are alike"
             return Evidence(TimeColumn(name, unit), why, check)  # type: ignore[arg-type]
 
     return None

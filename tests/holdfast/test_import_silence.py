@@ -301,6 +301,19 @@ def test_the_head_of_another_tools_file_gives_the_rate(
     assert "1000 Hz, by the head of the log" in imported(run, tmp_path, *SLIP)
 
 
+def test_a_clock_without_a_unit_has_the_rate_of_the_head_and_keeps_its_gaps(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1, sensors=2)
+    kept = np.r_[0:200, 240:500]
+    rows = np.column_stack([1e3 * one.t_s, one.values])[kept]
+    head = "# Sampling rate: 100 Hz\n"
+    write_text(tmp_path / "logs/a.csv", ["Time", *axes(2)], rows, head=head)
+    out = imported(run, tmp_path, *SLIP)
+    assert "in ms, as fast as the head of the log says" in out
+    assert "gaps       1 of 0.41 to 0.41 s" in out
+
+
 def test_counts_that_went_over_their_end_are_named_and_unwrapped_on_request(
     run: Run, tmp_path: Path
 ) -> None:
