@@ -25,7 +25,7 @@ from holdfast.core.writing import require_new, whole_folder, write_whole
 
 if TYPE_CHECKING:
     from holdfast.core.progress import Part
-    from holdfast.interop.understood import Understood
+    from holdfast.interop.proposal import Proposal
 
 ANSWERS = {
     "action": (
@@ -118,11 +118,11 @@ def run_import(args: argparse.Namespace) -> int:
     return 0
 
 
-def _understood(args: argparse.Namespace, part: Part) -> Understood:
+def _understood(args: argparse.Namespace, part: Part) -> Proposal:
     """What the logs are, with every question answered. Raises UsageError where one is left."""
     from holdfast.interop.map import read_import_map
+    from holdfast.interop.proposal import Answers
     from holdfast.interop.understand import of_map, understand
-    from holdfast.interop.understood import Answers
 
     if args.map is not None:
         return of_map(args.source, read_import_map(args.map))
@@ -153,7 +153,7 @@ def _typed(question: str) -> str:
 
 
 def _refuse(
-    args: argparse.Namespace, found: Understood, what: str, options: str
+    args: argparse.Namespace, found: Proposal, what: str, options: str
 ) -> NoReturn:
     """Write the map for the next time, unless it was changed by hand. Raises UsageError."""
     from holdfast.interop.map import is_changed, map_text

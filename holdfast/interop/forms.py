@@ -27,11 +27,11 @@ from holdfast.interop.formats.streams import LOG_TIME, ForeignLog, text_cells
 from holdfast.interop.formats.tables import pd
 from holdfast.interop.formats.writing import thumb_sensors
 from holdfast.interop.joining import columns_of
-from holdfast.interop.labels import FoundLabels, labels_of, rules_of_table, timed
+from holdfast.interop.labels import LabelMeanings, labels_of, rules_of_table, timed
 from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
+from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import moved_most, oriented
-from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.interop.words import NAMED, says
 
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
@@ -51,7 +51,7 @@ class Form:
     command line.
     """
 
-    found: Understood
+    found: Proposal
     source: Path
     samples: list[Sample]
     tables: list[ForeignLog]
@@ -115,7 +115,7 @@ class Form:
         )
         found.plans.append((plan, {one.log.name: one.files for one in self.samples}))
 
-    def _name_unused(self, trials: TrialRules, labels: FoundLabels | None) -> None:
+    def _name_unused(self, trials: TrialRules, labels: LabelMeanings | None) -> None:
         """Add a line of the columns that are neither readings nor names, time or labels."""
         first = self.samples[0]
         rules = labels.rules if labels else EventRules(column=LOG_TIME)
@@ -128,7 +128,7 @@ class Form:
         if unused:
             self.found.add("not used", listed(unused, most=12))
 
-    def _hand(self, labels: FoundLabels | None) -> tuple[str, list[SensorColumns]]:
+    def _hand(self, labels: LabelMeanings | None) -> tuple[str, list[SensorColumns]]:
         """(unit, "" where it is asked; the sensors with their signs)."""
         first, answers, found = self.samples[0], self.answers, self.found
         effects = np.median([one.effects for one in self.samples], axis=0)
@@ -190,7 +190,7 @@ class Form:
 
     # -- labels
 
-    def _labels(self, trials: TrialRules) -> FoundLabels | None:
+    def _labels(self, trials: TrialRules) -> LabelMeanings | None:
         """Labels from a table of events, else from a column; what is not clear is asked."""
         columns = [*self._of_tables(trials), *self._of_columns(trials)]
         # those that say all first, then those that mark a slip
@@ -211,15 +211,15 @@ class Form:
             self.found.ask("--action", f'{what}"{answer}" (or pass, hold, nothing, ..)')
         return found
 
-    def _of_columns(self, trials: TrialRules) -> list[FoundLabels]:
+    def _of_columns(self, trials: TrialRules) -> list[LabelMeanings]:
         """What the columns of labels mean."""
-        labels: list[FoundLabels] = []
+        labels: list[LabelMeanings] = []
         for name in dict.fromkeys(key for one in self.samples for key in one.marks):
             found = labels_of(name, self._cells(name), self.answers.situations)
             labels += [found] if found and name not in astuple(trials) else []
         return labels
 
-    def _of_tables(self, trials: TrialRules) -> list[FoundLabels]:
+    def _of_tables(self, trials: TrialRules) -> list[LabelMeanings]:
         """What tables of events mean; tables that hold none, or pair with no log, are named.
 
         A table is a file beside the logs, or a stream of the log that has no readings. It is that
@@ -230,7 +230,7 @@ class Form:
         keys = {key for sample in self.samples for key in sample.log.keys}
         keys |= {*map(str.casefold, self._cells(trials.column, only_once=True))}
         spans_s = [one.span_s for one in self.samples]
-        labels: list[FoundLabels] = []
+        labels: list[LabelMeanings] = []
         for (file, *_), whole in self._tables().items():
             columns = columns_of(whole)
             found = rules_of_table(columns, keys, file, self.answers.situations)
@@ -259,7 +259,7 @@ class Form:
         return {place: pd.concat(tables) for place, tables in parts.items()}
 
 
-def _rank(found: FoundLabels) -> tuple[bool, int, bool]:
+def _rank(found: LabelMeanings) -> tuple[bool, int, bool]:
     return (
         not any(found.rules.labels.values()),
         len(found.unknown),

@@ -99,7 +99,7 @@ def action_of_sentence(text: str) -> str | None:
 
 
 @dataclass(frozen=True)
-class FoundLabels:
+class LabelMeanings:
     """Rules, and the labels whose situation must be asked."""
 
     rules: EventRules
@@ -131,7 +131,7 @@ def is_mark(name: str, column: Column) -> bool:
 
 def labels_of(
     name: str, cells: Sequence[str], known: Mapping[str, str]
-) -> FoundLabels | None:
+) -> LabelMeanings | None:
     """What a column of labels means; None for one that marks nothing.
 
     cells: of all logs, one after the other. known: label -> situation, as given; else a label means
@@ -161,7 +161,7 @@ def labels_of(
     if not any(labels.values()) and not (unknown and says(name, LABEL)):
         return None
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
-    return FoundLabels(rules, unknown)
+    return LabelMeanings(rules, unknown)
 
 
 def is_off(cells: Sequence[str] | np.ndarray) -> np.ndarray:
@@ -181,7 +181,7 @@ def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
 
 def rules_of_table(
     columns: Columns, keys: set[str], file: str, known: Mapping[str, str]
-) -> FoundLabels | None:
+) -> LabelMeanings | None:
     """What the columns of a table of events are; None where no heading names a start or a label.
 
     A row is an event: when it starts, when it ends or how long it lasts, what it is, and which
@@ -218,7 +218,7 @@ def rules_of_table(
         hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
-    return FoundLabels(rules, unknown)
+    return LabelMeanings(rules, unknown)
 
 
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:

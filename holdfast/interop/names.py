@@ -14,7 +14,7 @@ from holdfast.core.errors import listed
 from holdfast.core.trial_layout import named_mass
 from holdfast.interop.labels import action_of_word
 from holdfast.interop.map import NAMES, NUMBERED, PERSON, TOGETHER
-from holdfast.interop.understood import Answers
+from holdfast.interop.proposal import Answers
 
 OBJECT = re.compile(
     "(?i)can|cup|.*(ball|block|book|bottle|bowl|box|cube|cylinder|egg|glass|mug|object|pen|sponge)"

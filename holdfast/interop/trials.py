@@ -47,8 +47,8 @@ from holdfast.interop.formats.writing import truth_of, write_csv
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import clock_of, events_of, marks_of
 from holdfast.interop.map import NAMES, ImportMap
+from holdfast.interop.proposal import Proposal
 from holdfast.interop.sensors import touch
-from holdfast.interop.understood import Understood
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
@@ -125,7 +125,7 @@ class TrialImport:
                 next_step="correct unit and zero of [events] in the map",
             )
 
-    def report(self, found: Understood) -> None:
+    def report(self, found: Proposal) -> None:
         """Add the end of the table of what was understood. Raises EmptyRecording."""
         if not self.trials:
             raise EmptyRecording("no trial in these logs", next_step="correct the map")

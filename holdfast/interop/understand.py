@@ -37,6 +37,7 @@ from holdfast.interop.joining import in_turn, table_of
 from holdfast.interop.labels import is_mark
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
+from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import (
     FINGER,
     are_two_hands,
@@ -45,7 +46,6 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
-from holdfast.interop.understood import Answers, Sample, Understood
 
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
@@ -61,13 +61,13 @@ NO_SHEAR = (
 )
 
 
-def understand(source: Path, answers: Answers, part: Part = ignored) -> Understood:
+def understand(source: Path, answers: Answers, part: Part = ignored) -> Proposal:
     """What the logs of a source are.
 
     source: a folder or a file. answers: what the command line says, which wins over what is seen.
     part: receives the share that is read. Raises a DataError where no log can be read at all.
     """
-    found = Understood()
+    found = Proposal()
     places, others = find_logs(source)
     samples: dict[str, Sample] = {}
     others_read: dict[Path, ForeignLog] = {}
@@ -124,7 +124,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     return found
 
 
-def of_map(source: Path, plan: ImportMap) -> Understood:
+def of_map(source: Path, plan: ImportMap) -> Proposal:
     """The logs of a source by a map. Raises DataNotFound."""
     places, _ = find_logs(source)
     pattern = plan.events.file if plan.events else ""
@@ -133,7 +133,7 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
         one for one in places if fnmatch(f"{one.name}{one.path.suffix}", pattern)
     ]
     logs = [one for one in places if one not in beside]
-    found = Understood(plans=[(plan, files_of(logs, beside, plan.trials.fingers))])
+    found = Proposal(plans=[(plan, files_of(logs, beside, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
     return found
@@ -143,7 +143,7 @@ def _sample(
     files: list[LogPlace],
     log: ForeignLog,
     answers: Answers,
-    found: Understood,
+    found: Proposal,
     is_joined: bool = False,
 ) -> Sample | None:
     """A log with its time and its sensors; None of a table without readings, or where it is asked.
@@ -206,9 +206,7 @@ def _sample(
 # -- files of one trial
 
 
-def _fingers(
-    samples: Sequence[Sample], answers: Answers, found: Understood
-) -> list[str]:
+def _fingers(samples: Sequence[Sample], answers: Answers, found: Proposal) -> list[str]:
     """The words by which the files of one trial differ, a file for each finger; [] for none.
 
     Such files have one sensor each, and are named alike but for one word, which names a finger or

@@ -1,4 +1,4 @@
-"""What an import has understood: answers, questions, logs with their time and sensors."""
+"""What an import proposes: answers, logs with their time and sensors, maps, questions."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Answers:
 
 
 @dataclass
-class Understood:
+class Proposal:
     """Maps, each with its logs, in words, and what is left to be asked.
 
     questions: the option of `holdfast import` that answers it, and what nothing in the logs says.
