@@ -281,7 +281,7 @@ def _film(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError or a DataError."""
-    from holdfast.drivers.camera.graph import OAK, Oak, Stored
+    from holdfast.drivers.camera.graph import OAK, Oak, StoredFrames
     from holdfast.drivers.camera.recording import Lens, read_frames
     from holdfast.sessions.camera import CameraOptions
 
@@ -296,7 +296,7 @@ def _source(args: argparse.Namespace) -> FrameSource:
         lens = Lens(**options.shooting(), clock="monotonic")
         return Oak(lens, args.seconds)
 
-    return Stored(*read_frames(Path(args.camera)))
+    return StoredFrames(*read_frames(Path(args.camera)))
 
 
 def _label(args: argparse.Namespace) -> int:

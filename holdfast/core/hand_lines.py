@@ -103,7 +103,7 @@ class RisingRule:
         return True
 
 
-class Skipped:
+class SkippedLines:
     """Counts what is skipped, and says so at most once a second: a log must not fill.
 
     name: what the lines of the report begin with, such as "commands". total: by kind.

@@ -68,7 +68,7 @@ class Source(Protocol):
         ...
 
 
-class SelfPaced:
+class SelfPacedSource:
     """Base of a source whose `read` waits for the next sample, so that it paces its reader.
 
     Where none comes in time, `read` returns an invalid reading about once a period.
@@ -85,7 +85,7 @@ class Turns:
 
     def __init__(self, source: Source, clock: Any, period_ns: float) -> None:
         # a schedule of this clock would drift from that of the source
-        self._is_paced = isinstance(source, SelfPaced)
+        self._is_paced = isinstance(source, SelfPacedSource)
         self._clock = clock
         self._period_ns = period_ns
         self.start_ns: int = clock.now_ns()

@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from holdfast.core.hand_lines import Skipped
-from holdfast.core.source import SelfPaced, SourceReading
+from holdfast.core.hand_lines import SkippedLines
+from holdfast.core.source import SelfPacedSource, SourceReading
 
 WAIT_PERIODS = 2.0
 """A sample that comes later than this after the last one is missing: it would be late."""
@@ -19,7 +19,7 @@ MOST_WAITING = 2
 LOST, SKIPPED = "no sample came", "samples were dropped"
 
 
-class Arrivals(SelfPaced):
+class Arrivals(SelfPacedSource):
     """Base of such a source; `collect` of a subclass appends what came to `waiting`.
 
     name: for messages. clock: has now_ns and wait_until. report: receives what a person should
@@ -32,7 +32,7 @@ class Arrivals(SelfPaced):
 
     def __init__(self, name: str, clock: Any, report: Callable[[str], object]) -> None:
         self.clock = clock
-        self.skipped = Skipped(name, report, clock.now_ns)
+        self.skipped = SkippedLines(name, report, clock.now_ns)
         self.waiting: deque[SourceReading] = deque()
         self.ended = False
         self._is_silent = False

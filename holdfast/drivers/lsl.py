@@ -38,7 +38,7 @@ from holdfast.core.errors import (
     needs_extra,
 )
 from holdfast.core.hand_card import HandCard, fill_unmeasured, leave_empty
-from holdfast.core.hand_lines import NOT_UNDERSTOOD, Skipped
+from holdfast.core.hand_lines import NOT_UNDERSTOOD, SkippedLines
 from holdfast.core.source import SourceReading
 from holdfast.drivers.arrivals import Arrivals
 from holdfast.edge_runtime.wearer import Intent, intent_of
@@ -313,7 +313,7 @@ class LslIntent:
         self._inlet = inlet
         inlet.begin(now_ns, report)
         self._now_ns = now_ns
-        self._skipped = Skipped("wearer", report, now_ns)
+        self._skipped = SkippedLines("wearer", report, now_ns)
 
     def __call__(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""

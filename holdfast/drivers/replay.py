@@ -24,7 +24,7 @@ from holdfast.core.contract import (
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.hand_card import HandCard, hand_card_near
 from holdfast.core.schema import read
-from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.core.source import SelfPacedSource, Source, SourceReading
 from holdfast.core.trial_file import Zero, block_means, read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
@@ -155,7 +155,7 @@ class PacedReplay:
         """Nothing is open."""
 
 
-class AveragedSource(SelfPaced):
+class AveragedSource(SelfPacedSource):
     """Every n samples of a source that paces itself, as one at the time of the last."""
 
     def __init__(self, source: Source, n: int) -> None:
@@ -195,7 +195,7 @@ def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> 
         averaged = source.replay.at_rate(rate_hz, report)
         return PacedReplay(averaged, source.now_ns)
     n = averaged_by(source.rate_hz, rate_hz)
-    if n < 2 or not isinstance(source, SelfPaced):
+    if n < 2 or not isinstance(source, SelfPacedSource):
         return source
     report(averaged_in_words(source.rate_hz, n))
     return AveragedSource(source, n)

@@ -305,7 +305,7 @@ def matched(
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChosenConfidence:
     """A confidence that was chosen on other streams: thousandths, and the allowed false alarms."""
 
     permille: int
@@ -324,7 +324,7 @@ class Thresholds:
     baselines: list[MatchedBaseline]
     rules: DecisionRules
     matched_on: list[str]
-    chosen: Chosen | None
+    chosen: ChosenConfidence | None
     false_per_min_there: float
 
     @property
@@ -383,7 +383,7 @@ def find_thresholds(
     outputs: Sequence[ModelOutputs],
     baselines: Sequence[Baseline],
     names: list[str],
-    chosen: Chosen | None = None,
+    chosen: ChosenConfidence | None = None,
     part: Part = ignored,
 ) -> Thresholds:
     """This model as deployed and, first, as chosen; baselines at the headline's own rate.

@@ -19,7 +19,7 @@ from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence
 from holdfast.evaluation.baselines import (
     Baseline,
-    Chosen,
+    ChosenConfidence,
     Thresholds,
     baselines,
     find_thresholds,
@@ -191,7 +191,7 @@ class _Run:
         self.say(
             f"confidence {permille} of 1000 chosen; matching {len(baselines)} baselines"
         )
-        chosen = Chosen(permille, most)
+        chosen = ChosenConfidence(permille, most)
         return find_thresholds(
             card, recordings, outputs, baselines, labels, chosen, self.part
         )

@@ -37,7 +37,7 @@ from holdfast.evaluation.style import labelled, svg, write_page
 from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
 from holdfast.step.spec import window_samples
 from holdfast.training.crossval import main_task
-from holdfast.training.fitting import Trained
+from holdfast.training.fitting import TrainedModel
 from holdfast.training.judging import CurvePoint
 
 # An evaluation as lines for people, with the caveats that belong to its figures.
@@ -218,7 +218,7 @@ NOT_ANSWERED = -2
 
 
 def write_training_report(
-    path: Path, data: DataSet, trained: Trained, artifact: Path
+    path: Path, data: DataSet, trained: TrainedModel, artifact: Path
 ) -> Path:
     """Write the report; OutputError where that cannot be done."""
     figures = trained.figures
@@ -248,7 +248,7 @@ def write_training_report(
     )
 
 
-def held_out_trial(data: DataSet, trained: Trained) -> AnsweredTrial | None:
+def held_out_trial(data: DataSet, trained: TrainedModel) -> AnsweredTrial | None:
     """A trial with its held-out answers, those at the windows that were scored."""
     task = data.tasks[main_task(data)]
     answers = trained.held_out.situations()

@@ -23,7 +23,7 @@ from holdfast.core.hand_lines import (
     NOT_RISING,
     NOT_UNDERSTOOD,
     RisingRule,
-    Skipped,
+    SkippedLines,
     fields_of,
     not_an_address,
     printable,
@@ -86,7 +86,7 @@ class LineWords:
 
     def __post_init__(self) -> None:
         self._rule = RisingRule()
-        self._skipped = Skipped("wearer", self.report, self.now_ns)
+        self._skipped = SkippedLines("wearer", self.report, self.now_ns)
 
     def __call__(self) -> list[Intent]:
         """What is waiting, oldest first."""

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
-from holdfast.drivers.camera.graph import OAK, Oak, Stored
+from holdfast.drivers.camera.graph import OAK, Oak, StoredFrames
 from holdfast.drivers.camera.recording import TAGS, Lens, read_about, read_frames
 from holdfast.sessions.onset import doubt
 
@@ -190,7 +190,7 @@ def film(options: Json) -> None:
         )
         watch(Oak(lens), out, stopped=must_end)
     else:
-        watch(Stored(*read_frames(Path(options["camera"]))), out)
+        watch(StoredFrames(*read_frames(Path(options["camera"]))), out)
 
 
 def must_end() -> bool:

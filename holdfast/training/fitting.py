@@ -105,7 +105,7 @@ class TrainingRequest:
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedModel:
     """What a training run leaves in memory: held-out figures, and the votes behind them.
 
     curve: the same with fewer training data, where that was asked for. cannot_tell: situations and
@@ -122,7 +122,7 @@ class Trained:
 
 def train_on_sets(
     request: TrainingRequest, progress: Stages, describe: Callable[[str], None]
-) -> tuple[DataSet, Trained]:
+) -> tuple[DataSet, TrainedModel]:
     """Read the sets, train on all of them together and write the artifact.
 
     describe: receives a description of each set that was read. Returns the joined set and what was
@@ -275,7 +275,7 @@ def train(
     say: Say = ignored,
     part: Part = ignored,
     judge: bool = False,
-) -> Trained:
+) -> TrainedModel:
     """Train on a set and write the artifact folder.
 
     say: receives the name of each stage as it begins. part: receives the share of the stage that is
@@ -295,7 +295,7 @@ def train(
     curve = []
     if judge:
         curve = learning_curve(data, features, plan, seed, figures, say)
-    return Trained(
+    return TrainedModel(
         figures, held_out, curve, not_learned_of({"training": artifact.training})
     )
 

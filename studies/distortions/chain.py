@@ -38,7 +38,7 @@ class Memoryless:
 
 
 @dataclass(frozen=True)
-class Scaled(Memoryless):
+class Scaling(Memoryless):
     """Every reading times a gain: normal and shear. shear alone: `shear` times x and y."""
 
     gain: float = 1.0
@@ -55,7 +55,7 @@ class Scaled(Memoryless):
 
 
 @dataclass(frozen=True)
-class GainsApart(Scaled):
+class GainsApart(Scaling):
     """Each sensor has a gain of its own, log-uniform from `lowest` to `highest`."""
 
     lowest: float = 0.4
@@ -70,7 +70,7 @@ class GainsApart(Scaled):
 
 
 @dataclass(frozen=True)
-class Added(Memoryless):
+class Addition(Memoryless):
     """Newtons of its own on every axis, whatever the reading."""
 
     def newtons(self, request: PlanRequest) -> FloatArray:
@@ -87,7 +87,7 @@ class Added(Memoryless):
 
 
 @dataclass(frozen=True)
-class Noise(Added):
+class Noise(Addition):
     """White noise, normal. rms_n: its standard deviation, N."""
 
     rms_n: float
@@ -99,7 +99,7 @@ class Noise(Added):
 
 
 @dataclass(frozen=True)
-class OffsetStep(Added):
+class OffsetStep(Addition):
     """Every axis moves by step_n up or down, all at one moment of the hold (a cable, a knock)."""
 
     step_n: float
@@ -113,7 +113,7 @@ class OffsetStep(Added):
 
 
 @dataclass(frozen=True)
-class Drift(Added):
+class Drift(Addition):
     """Every axis drifts evenly up or down from the first sample on, n_s newtons a second."""
 
     n_s: float
@@ -141,7 +141,7 @@ class CrossTalk(Memoryless):
 
 
 @dataclass(frozen=True)
-class Quantised(Memoryless):
+class Quantisation(Memoryless):
     """Rounded to whole steps of 2 FULL_SCALE_N / 2^bits."""
 
     bits: int
@@ -161,7 +161,7 @@ class Quantised(Memoryless):
 
 
 @dataclass(frozen=True)
-class Reversed:
+class Reversal:
     """Each magnet is upside down with probability 1/2: all three axes have the other sign.
 
     tared: the reading of the resting hand is already taken off before that, so that no sign of it
@@ -186,7 +186,7 @@ class Reversed:
 
 
 @dataclass(frozen=True)
-class Smoothed:
+class Smoothing:
     """A low-pass of first order: a sample moves the reading a part of the way. tau_ms: its time."""
 
     tau_ms: float

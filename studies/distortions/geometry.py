@@ -38,7 +38,7 @@ def facing(sides: Sequence[Side]) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Turned:
+class Rotation:
     """A law that multiplies each sensor's reading by a matrix of its own."""
 
     remembers = False
@@ -58,7 +58,7 @@ class Turned:
 
 
 @dataclass(frozen=True)
-class HandTurned(Turned):
+class HandRotation(Rotation):
     """The hand turned about the axis of its grip. degrees: None for any angle, drawn a trial."""
 
     degrees: float | None = None
@@ -72,7 +72,7 @@ class HandTurned(Turned):
 
 
 @dataclass(frozen=True)
-class AxesTurned(Turned):
+class AxesRotation(Rotation):
     """The x, y of all sensors turned alike about their normals, as by other boards in all tips."""
 
     degrees: float
@@ -83,7 +83,7 @@ class AxesTurned(Turned):
 
 
 @dataclass(frozen=True)
-class SensorsTurned(Turned):
+class SensorsRotation(Rotation):
     """Each sensor turned about its normal by an angle of its own, uniform from 0 to 360 degrees."""
 
     def matrices(self, request: PlanRequest) -> FloatArray:
@@ -92,7 +92,7 @@ class SensorsTurned(Turned):
 
 
 @dataclass(frozen=True)
-class Mirrored(Turned):
+class Mirror(Rotation):
     """A left hand that carries the model of a right one: x of every sensor has the other sign."""
 
     def matrices(self, request: PlanRequest) -> FloatArray:
@@ -102,7 +102,7 @@ class Mirrored(Turned):
 
 
 @dataclass(frozen=True)
-class Tilted(Turned):
+class Tilt(Rotation):
     """All fingertips tilted on the object, so that normal force and shear mix.
 
     axis: "x" for roll, "y" for pitch, about that axis of each sensor.

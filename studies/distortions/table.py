@@ -20,18 +20,18 @@ from studies.distortions.chain import (
     Hysteresis,
     Noise,
     OffsetStep,
-    Quantised,
-    Reversed,
-    Scaled,
-    Smoothed,
+    Quantisation,
+    Reversal,
+    Scaling,
+    Smoothing,
 )
 from studies.distortions.fingers import DeadFingers, FewerFingers
 from studies.distortions.geometry import (
-    AxesTurned,
-    HandTurned,
-    Mirrored,
-    SensorsTurned,
-    Tilted,
+    AxesRotation,
+    HandRotation,
+    Mirror,
+    SensorsRotation,
+    Tilt,
 )
 from studies.distortions.law import Law
 
@@ -79,27 +79,27 @@ CHAIN = "sensors' chain"
 FINGERS = "fingers"
 DISTORTIONS = (
     Distortion(UNCHANGED, "unchanged", UNCHANGED),
-    Distortion("turned-30", "hand turned by 30 degrees", HELD, HandTurned(30.0)),
-    Distortion("turned-90", "hand turned by 90 degrees", HELD, HandTurned(90.0)),
-    Distortion("turned-180", "hand turned by 180 degrees", HELD, HandTurned(180.0)),
-    Distortion("turned-any", "hand turned by any angle", HELD, HandTurned()),
+    Distortion("turned-30", "hand turned by 30 degrees", HELD, HandRotation(30.0)),
+    Distortion("turned-90", "hand turned by 90 degrees", HELD, HandRotation(90.0)),
+    Distortion("turned-180", "hand turned by 180 degrees", HELD, HandRotation(180.0)),
+    Distortion("turned-any", "hand turned by any angle", HELD, HandRotation()),
     Distortion(
-        "axes-30", "x, y of all sensors turned by 30 degrees", HELD, AxesTurned(30.0)
+        "axes-30", "x, y of all sensors turned by 30 degrees", HELD, AxesRotation(30.0)
     ),
     Distortion(
-        "axes-90", "x, y of all sensors turned by 90 degrees", HELD, AxesTurned(90.0)
+        "axes-90", "x, y of all sensors turned by 90 degrees", HELD, AxesRotation(90.0)
     ),
-    Distortion("mirrored", "left hand (mirrored)", HELD, Mirrored()),
+    Distortion("mirrored", "left hand (mirrored)", HELD, Mirror()),
     Distortion(
-        "own-turn", "x, y of each sensor turned by itself", HELD, SensorsTurned()
+        "own-turn", "x, y of each sensor turned by itself", HELD, SensorsRotation()
     ),
-    Distortion("roll-15", "fingertips rolled by 15 degrees", HELD, Tilted(15.0, "x")),
-    Distortion("pitch-15", "fingertips pitched by 15 degrees", HELD, Tilted(15.0, "y")),
-    Distortion("gain-0.4", "gain 0.4", GAIN, Scaled(gain=0.4)),
-    Distortion("gain-2.5", "gain 2.5", GAIN, Scaled(gain=2.5)),
+    Distortion("roll-15", "fingertips rolled by 15 degrees", HELD, Tilt(15.0, "x")),
+    Distortion("pitch-15", "fingertips pitched by 15 degrees", HELD, Tilt(15.0, "y")),
+    Distortion("gain-0.4", "gain 0.4", GAIN, Scaling(gain=0.4)),
+    Distortion("gain-2.5", "gain 2.5", GAIN, Scaling(gain=2.5)),
     Distortion("own-gain", "each sensor's gain 0.4 to 2.5", GAIN, GainsApart()),
-    Distortion("shear-0.5", "shear gain 0.5", GAIN, Scaled(shear=0.5)),
-    Distortion("shear-1.5", "shear gain 1.5", GAIN, Scaled(shear=1.5)),
+    Distortion("shear-0.5", "shear gain 0.5", GAIN, Scaling(shear=0.5)),
+    Distortion("shear-1.5", "shear gain 1.5", GAIN, Scaling(shear=1.5)),
     Distortion("noise-10", "10 mN of noise", NOISE, Noise(0.010)),
     Distortion("noise-30", "30 mN of noise", NOISE, Noise(0.030)),
     Distortion("noise-50", "50 mN of noise", NOISE, Noise(0.050)),
@@ -110,17 +110,17 @@ DISTORTIONS = (
     Distortion("cross-talk-20", "20 % of cross-talk", CHAIN, CrossTalk(0.2)),
     Distortion("play-100", "hysteresis of 100 mN", CHAIN, Hysteresis(0.1)),
     Distortion("play-300", "hysteresis of 300 mN", CHAIN, Hysteresis(0.3)),
-    Distortion("smooth-10", "smoothed, 10 ms", CHAIN, Smoothed(10.0)),
-    Distortion("smooth-30", "smoothed, 30 ms", CHAIN, Smoothed(30.0)),
+    Distortion("smooth-10", "smoothed, 10 ms", CHAIN, Smoothing(10.0)),
+    Distortion("smooth-30", "smoothed, 30 ms", CHAIN, Smoothing(30.0)),
     Distortion("rate-7", "rate -7 %", CHAIN, edits=((RATE, "rate_hz = 139.5"),)),
     Distortion("rate+7", "rate +7 %", CHAIN, edits=((RATE, "rate_hz = 160.5"),)),
-    Distortion("bits-12", "12 bit on every axis", CHAIN, Quantised(12)),
+    Distortion("bits-12", "12 bit on every axis", CHAIN, Quantisation(12)),
     Distortion(
         "bits-16", "16 bit in the chip", CHAIN, edits=((BITS, f"{BITS}\nbits = 16"),)
     ),
-    Distortion("reversed", "magnets reversed", CHAIN, Reversed()),
+    Distortion("reversed", "magnets reversed", CHAIN, Reversal()),
     Distortion(
-        "reversed-tared", "magnets reversed, already tared", CHAIN, Reversed(tared=True)
+        "reversed-tared", "magnets reversed, already tared", CHAIN, Reversal(tared=True)
     ),
     Distortion(
         "dead-1-invalid", "1 dead, marked invalid", FINGERS, DeadFingers(1, "invalid")

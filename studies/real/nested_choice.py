@@ -49,7 +49,7 @@ Split = Mapping[str, tuple[IntArray, IntArray]]
 
 
 @dataclass(frozen=True)
-class Considered:
+class Candidate:
     """A method's set, its features by task, and its plan."""
 
     data: DataSet
@@ -73,7 +73,7 @@ class FoldChoice:
 
 
 def learner_votes(
-    one: Considered,
+    one: Candidate,
     plan: TrainingPlan,
     task: str,
     train: IntArray,
@@ -95,7 +95,7 @@ def learner_votes(
     return {"forest": trees, "network": nets, "committee": trees + nets}
 
 
-def chosen_fold(of: Mapping[str, Considered], split: Split, seed: int) -> FoldChoice:
+def chosen_fold(of: Mapping[str, Candidate], split: Split, seed: int) -> FoldChoice:
     """Choose on a fold's training people, then answer its test people."""
     scores: dict[tuple[str, str], float] = {}
     for name, one in of.items():
@@ -115,7 +115,7 @@ def chosen_fold(of: Mapping[str, Considered], split: Split, seed: int) -> FoldCh
     )
 
 
-def _inner_scores(one: Considered, split: Split, seed: int) -> dict[str, float]:
+def _inner_scores(one: Candidate, split: Split, seed: int) -> dict[str, float]:
     """Learner -> its score on the training people, who are held out in turn."""
     plan = replace(
         one.plan,
@@ -202,10 +202,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 @cache
-def _considered() -> dict[str, Considered]:
+def _considered() -> dict[str, Candidate]:
     """All choices; read and computed once in each process."""
     return {
-        name: Considered(method.data(), method.features(), method.plan)
+        name: Candidate(method.data(), method.features(), method.plan)
         for name, method in METHODS.items()
     }
 

@@ -20,7 +20,12 @@ from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
 from holdfast.simulation.effects.effect import stream
-from holdfast.simulation.loop.closed_loop import ClosedLoop, LoopTruth, Managed, managed
+from holdfast.simulation.loop.closed_loop import (
+    ClosedLoop,
+    LoopTruth,
+    ManagedGrip,
+    managed,
+)
 from holdfast.simulation.scenes.protocol import PlannedTrial, Trials
 from holdfast.simulation.scenes.scene import Scene
 from holdfast.simulation.scenes.scene_file import read_scene_file
@@ -89,7 +94,7 @@ class _Watched:
     """A controller whose wearer's grip is written down; slips: when a slip is certain."""
 
     def __init__(
-        self, inner: Managed, slips: Callable[[FloatArray], BoolArray]
+        self, inner: ManagedGrip, slips: Callable[[FloatArray], BoolArray]
     ) -> None:
         self._inner = inner
         self._slips = slips

@@ -9,7 +9,7 @@ from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOU
 
 
 @dataclass(frozen=True)
-class Repeated:
+class Repetitions:
     """A figure in every repetition, its mean and its standard deviation (of a sample)."""
 
     mean: float
@@ -28,7 +28,7 @@ class CaseFigures:
     classes: list[str]
     windows: int
     chance: float
-    accuracy: dict[str, Repeated]
+    accuracy: dict[str, Repetitions]
 
 
 @dataclass(frozen=True)

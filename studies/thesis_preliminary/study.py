@@ -32,7 +32,7 @@ from holdfast.core.progress import Say
 from holdfast.data.recording import DataSet, assign_groups, folds_of
 from holdfast.training.network_fit import interruptible
 from studies.thesis_preliminary.cases import CASES, Case
-from studies.thesis_preliminary.figures import CaseFigures, Repeated, StudiedSet
+from studies.thesis_preliminary.figures import CaseFigures, Repetitions, StudiedSet
 from studies.thesis_preliminary.points import (
     KINDS,
     SLIPPING,
@@ -167,7 +167,7 @@ def late_share(points: Points) -> float | None:
     return float((since >= 1.0).mean()) if len(since) else None
 
 
-def repeated(values: Sequence[float]) -> Repeated:
+def repeated(values: Sequence[float]) -> Repetitions:
     """Mean, standard deviation (of a sample), and each."""
     each = [float(value) for value in values]
-    return Repeated(float(np.mean(values)), float(np.std(values, ddof=1)), each)
+    return Repetitions(float(np.mean(values)), float(np.std(values, ddof=1)), each)

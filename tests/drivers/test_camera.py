@@ -93,7 +93,7 @@ def looked_at():
     for k in range(20):
         names[:] = [path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")]
         yield Frame(k, k / 60.0, np.zeros((400, 640), dtype=np.uint8))
-watch(Stored("drawn", Lens(60.0, 2.0, 10.0, "trial"), looked_at()), Path(sys.argv[1]))
+watch(StoredFrames("drawn", Lens(60.0, 2.0, 10.0, "trial"), looked_at()), Path(sys.argv[1]))
 print(json.dumps({"writers": sum(name.startswith("RecordVideo") for name in names)}))
 """,
         tmp_path,
@@ -120,7 +120,7 @@ for smear_mm in (1.25, 2.5):
     images = np.rint(np.reshape(drawn, (5, 20, 160, 240)).mean(axis=1)).astype(np.uint8)
     out = Path(sys.argv[1]) / str(smear_mm)
     frames = [Frame(k, k / 60, image) for k, image in enumerate(images)]
-    watch(Stored("smeared", Lens(60.0, 2.0, 10.0, "trial"), frames), out)
+    watch(StoredFrames("smeared", Lens(60.0, 2.0, 10.0, "trial"), frames), out)
     seen.append(int(np.isfinite(read_tracks(out).of(0)[:, 0, 0]).sum()))
 print(json.dumps({"seen": seen}))
 """,
@@ -132,9 +132,9 @@ print(json.dumps({"seen": seen}))
 def test_frames_that_never_came_are_counted(drawn, tmp_path):
     output = program(
         """
-source = Stored(*read_frames(Path(sys.argv[1])))
+source = StoredFrames(*read_frames(Path(sys.argv[1])))
 kept = [f for f in source.frames if f.sequence not in (10, 11, 40)][:60]
-found = watch(Stored("some", source.lens, kept), Path(sys.argv[2]))
+found = watch(StoredFrames("some", source.lens, kept), Path(sys.argv[2]))
 print(json.dumps({"frames": found.frames, "lost": found.lost, "in_video": found.in_video}))
 """,
         drawn[0],

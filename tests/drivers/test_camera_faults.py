@@ -95,14 +95,14 @@ def test_nothing_is_sent_unless_the_user_turned_it_on(
 def test_a_source_that_ends_early_keeps_what_was_recorded_and_says_so(drawn, tmp_path):
     output = program(
         """
-source = Stored(*read_frames(Path(sys.argv[1])))
+source = StoredFrames(*read_frames(Path(sys.argv[1])))
 def unplugged():
     for frame in source.frames:
         if frame.sequence == 50:
             raise DeviceLost("no longer on USB", where="oak")
         yield frame
 try:
-    watch(Stored("oak", source.lens, unplugged()), Path(sys.argv[2]))
+    watch(StoredFrames("oak", source.lens, unplugged()), Path(sys.argv[2]))
 except HoldfastError as error:
     video = frames_of_video(Path(sys.argv[2]), load_depthai())
     print(json.dumps({"error": type(error).__name__, "video": len(video)}))
@@ -131,13 +131,13 @@ def test_a_killed_recording_keeps_its_tracks_and_is_void(drawn, tmp_path):
         "-c",
         PRELUDE
         + """
-source = Stored(*read_frames(Path(sys.argv[1])))
+source = StoredFrames(*read_frames(Path(sys.argv[1])))
 def killed():
     for frame in source.frames:
         if frame.sequence == 60:
             os.kill(os.getpid(), signal.SIGKILL)
         yield frame
-watch(Stored("drawn", source.lens, killed()), Path(sys.argv[2]))
+watch(StoredFrames("drawn", source.lens, killed()), Path(sys.argv[2]))
 """,
         str(drawn[0]),
         str(tmp_path),

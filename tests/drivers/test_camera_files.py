@@ -26,7 +26,7 @@ from holdfast.core.errors import (
     TimeError,
     TransferFailed,
 )
-from holdfast.drivers.camera.graph import Oak, Stored
+from holdfast.drivers.camera.graph import Oak, StoredFrames
 from holdfast.drivers.camera.recording import (
     Frame,
     Lens,
@@ -266,7 +266,7 @@ def test_a_frame_waits_ten_seconds_for_room_unless_the_graph_stops(
     one.createInputQueue.return_value.trySend.side_effect = answers
     pipeline = SimpleNamespace(isRunning=lambda: len(pauses) < stops_at)
     frames = [Frame(0, 0.0, np.zeros((2, 4), np.uint8))]
-    source = Stored("some", Lens(60.0, 2.0, 10.0, "trial"), frames)
+    source = StoredFrames("some", Lens(60.0, 2.0, 10.0, "trial"), frames)
     step = source.connect(dai, pipeline, [one])
     one.createInputQueue.assert_called_once_with(maxSize=4, blocking=True)
     if taken:

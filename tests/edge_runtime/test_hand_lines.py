@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from holdfast.core.hand_lines import (
     SILENCE_NS,
     RisingRule,
-    Skipped,
+    SkippedLines,
     fields_of,
     printable,
     sequence_of,
@@ -67,7 +67,7 @@ def test_a_sequence_is_a_whole_number_from_0_on(value: object) -> None:
 
 def test_what_is_skipped_is_said_once_a_second_and_counted() -> None:
     clock, said = VirtualClock(), list[str]()
-    skipped = Skipped("commands", said.append, clock.now_ns)
+    skipped = SkippedLines("commands", said.append, clock.now_ns)
     for _ in range(150):
         skipped.count("not rising", "a line")
         clock.spend(10_000_000)

@@ -14,7 +14,7 @@ from own_data import rewrite
 
 from holdfast.core.contract import GRASP
 from holdfast.core.errors import EmptyRecording
-from holdfast.core.source import SelfPaced, SourceReading
+from holdfast.core.source import SelfPacedSource, SourceReading
 from holdfast.core.trial_file import block_means
 from holdfast.core.trial_layout import truth_path
 from holdfast.data.datasets import load
@@ -159,7 +159,7 @@ def test_a_model_learns_at_the_rate_that_is_asked_for(
     fails(run, 3, "RateError", "train", *words, tmp_path / "no", "--rate", 60)
 
 
-class Counting(SelfPaced):
+class Counting(SelfPacedSource):
     """Readings 0, 1, 2, .. of one sensor at 300 Hz; every fourth is lost."""
 
     unit, n_channels, rate_hz = "N", 3, 300.0

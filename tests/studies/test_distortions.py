@@ -21,13 +21,13 @@ from studies.distortions.chain import (
     Hysteresis,
     Noise,
     OffsetStep,
-    Quantised,
-    Scaled,
-    Smoothed,
+    Quantisation,
+    Scaling,
+    Smoothing,
 )
 from studies.distortions.closed_loop import BetweenByName
 from studies.distortions.fingers import DeadFingers, FewerFingers
-from studies.distortions.geometry import AxesTurned, HandTurned, Tilted
+from studies.distortions.geometry import AxesRotation, HandRotation, Tilt
 from studies.distortions.law import Law, PlanRequest, distorted
 from studies.distortions.quiet_hand import QuietHand
 from studies.distortions.table import DISTORTIONS, TRIALS, by_name
@@ -38,15 +38,15 @@ SIDES: tuple[Side, ...] = tuple(
     "thumb" if k < THUMB else "opposing" for k in range(SENSORS)
 )
 AT_REST: list[Law] = [
-    HandTurned(0.0),
-    AxesTurned(0.0),
-    Tilted(0.0, "x"),
-    Scaled(),
+    HandRotation(0.0),
+    AxesRotation(0.0),
+    Tilt(0.0, "x"),
+    Scaling(),
     Noise(0.0),
     OffsetStep(0.0),
     Drift(0.0),
     CrossTalk(0.0),
-    Smoothed(0.0),
+    Smoothing(0.0),
     Hysteresis(0.0),
     DeadFingers(0, "noise"),
 ]
@@ -82,9 +82,9 @@ def test_a_distortion_of_size_zero_changes_nothing(law: Law) -> None:
 def test_a_turn_and_its_inverse_leave_the_readings(degrees: float, seed: int) -> None:
     values = readings(seed)
     for there, back in (
-        (HandTurned(degrees), HandTurned(-degrees)),
-        (AxesTurned(degrees), AxesTurned(-degrees)),
-        (Tilted(degrees, "y"), Tilted(-degrees, "y")),
+        (HandRotation(degrees), HandRotation(-degrees)),
+        (AxesRotation(degrees), AxesRotation(-degrees)),
+        (Tilt(degrees, "y"), Tilt(-degrees, "y")),
     ):
         turned, _ = after(there, values)
         returned, _ = after(back, turned)
@@ -97,10 +97,10 @@ def test_the_hand_turned_takes_the_thumb_the_other_way() -> None:
     """A load along the fingers' x is along y after a quarter turn, with the thumb's other sign."""
     values = np.zeros((1, SENSORS, 3))
     values[..., 0] = 1.0
-    made, _ = after(HandTurned(90.0), np.repeat(values, 2, axis=0))
+    made, _ = after(HandRotation(90.0), np.repeat(values, 2, axis=0))
     np.testing.assert_allclose(made[0, :THUMB, 1], -1.0)
     np.testing.assert_allclose(made[0, THUMB:, 1], 1.0)
-    alike, _ = after(AxesTurned(90.0), np.repeat(values, 2, axis=0))
+    alike, _ = after(AxesRotation(90.0), np.repeat(values, 2, axis=0))
     np.testing.assert_allclose(alike[0, :, 1], 1.0)
 
 
@@ -108,7 +108,7 @@ def test_the_hand_turned_takes_the_thumb_the_other_way() -> None:
 def test_quantised_readings_are_whole_steps_and_at_most_half_a_step_off(
     bits: int,
 ) -> None:
-    law = Quantised(bits)
+    law = Quantisation(bits)
     made, _ = after(law, readings())
     steps = made / law.step_n
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
@@ -132,7 +132,7 @@ def test_a_smoothed_step_has_risen_by_63_percent_after_its_time() -> None:
     values = np.zeros((SAMPLES, SENSORS, 3))
     values[10:] = 1.0
     # 30 samples at 150 Hz
-    made, _ = after(Smoothed(200.0), values)
+    made, _ = after(Smoothing(200.0), values)
     assert made[39, 0, 0] == pytest.approx(1.0 - np.exp(-1.0))
     assert not made[:10].any()
 

@@ -15,7 +15,7 @@ from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from studies.real.nested_choice import (
     PREDICTION,
     SITUATIONS,
-    Considered,
+    Candidate,
     FoldChoice,
     chosen_fold,
     figures_of,
@@ -65,17 +65,17 @@ def made_up() -> DataSet:
 GOOD, BLIND = "says it", "says nothing"
 
 
-def considered(data: DataSet) -> dict[str, Considered]:
+def considered(data: DataSet) -> dict[str, Candidate]:
     """One set of features that says the situation, and one that is the same for all."""
     features = features_of(data, spec_for(data, SMALL.groups))
     nothing = {task: np.zeros_like(rows) for task, rows in features.items()}
     return {
-        BLIND: Considered(data, nothing, SMALL),
-        GOOD: Considered(data, features, SMALL),
+        BLIND: Candidate(data, nothing, SMALL),
+        GOOD: Candidate(data, features, SMALL),
     }
 
 
-def choose(data: DataSet, of: dict[str, Considered]) -> list[FoldChoice]:
+def choose(data: DataSet, of: dict[str, Candidate]) -> list[FoldChoice]:
     splits = splits_of(data, SMALL, 0)
     return [chosen_fold(of, split, 0) for split in splits]
 

@@ -100,7 +100,7 @@ import json, os, signal, sys
 from pathlib import Path
 from typing import Any
 import numpy as np
-from holdfast.drivers.camera.graph import Stored, frames_of_video, load_depthai, watch
+from holdfast.drivers.camera.graph import StoredFrames, frames_of_video, load_depthai, watch
 from holdfast.drivers.camera.recording import Frame, Lens, read_about, read_frames, read_tracks
 from holdfast.core.errors import DeviceLost, HoldfastError
 """

@@ -102,7 +102,7 @@ def load_depthai() -> Any:
 
 
 @dataclass
-class Stored:
+class StoredFrames:
     """Frames from disk (read_frames) or from an iterable, through a pipeline without a device.
 
     last_lost: frames at the end that a stop may cost the video.
@@ -194,7 +194,7 @@ class Oak:
             self.device.close()
 
 
-FrameSource = Stored | Oak
+FrameSource = StoredFrames | Oak
 
 
 def _message(dai: Any, frame: Frame) -> Any:

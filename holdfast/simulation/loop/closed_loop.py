@@ -480,7 +480,7 @@ def _side_by_side(makes: Sequence[Make], stops: Sequence[int]) -> Make:
     return make
 
 
-class Managed:
+class ManagedGrip:
     """A grip controller behind margin and supervisor, for B hands."""
 
     def __init__(self, grip: GripLoop, batch: int) -> None:
@@ -503,13 +503,13 @@ def managed(
     setting: float | None = None,
     rules: AnswerRules | None = None,
     limits: Limits | None = None,
-) -> Callable[[Trials, float], Managed]:
+) -> Callable[[Trials, float], ManagedGrip]:
     """A maker of a controller; setting, rules: None for the usual."""
     gain = shear_gain_in(scene.file.effects)
 
-    def make(trials: Trials, rate_hz: float) -> Managed:
+    def make(trials: Trials, rate_hz: float) -> ManagedGrip:
         batch: Batch = ManyHands(len(trials))
         controller = kind(batch, rate_hz, setting, rules, gain)
-        return Managed(GripLoop(batch, rate_hz, controller, limits), len(trials))
+        return ManagedGrip(GripLoop(batch, rate_hz, controller, limits), len(trials))
 
     return make

@@ -104,7 +104,7 @@ def spans_of(
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WearerWish:
     """What the wearers want of B hands in n steps of a sample period.
 
     ends_s      [n, B] ends of the steps
@@ -116,12 +116,12 @@ class Wanted:
     closures_m: list[FloatArray]
     own_n: FloatArray
 
-    def some(self, which: IntArray) -> Wanted:
+    def some(self, which: IntArray) -> WearerWish:
         """Those of some hands, which may repeat."""
         # `take` keeps the layout in memory, which decides in which order numpy sums.
         ends_s = np.take(self.ends_s, which, axis=1)
         closures_m = [np.take(one_m, which, axis=1) for one_m in self.closures_m]
-        return Wanted(ends_s, closures_m, np.take(self.own_n, which, axis=1))
+        return WearerWish(ends_s, closures_m, np.take(self.own_n, which, axis=1))
 
 
 class HandsAndObjects:
@@ -209,17 +209,17 @@ class HandsAndObjects:
         at = self.spans.begins + period
         return self.script.opens(at / self.settings.rate_hz)
 
-    def wanted(self, period: int) -> Wanted:
+    def wanted(self, period: int) -> WearerWish:
         """What the wearers want in a sample period."""
         at = self.spans.begins + period
         within = (np.arange(self.pieces)[:, None] + 1) / self.pieces
         ends_s = (at + within) / self.settings.rate_hz
         closures_m = self.script.wearers_closures(ends_s)
         own_n = self.script.places_n(ends_s, closures_m)
-        return Wanted(ends_s, closures_m, own_n)
+        return WearerWish(ends_s, closures_m, own_n)
 
     def advance(
-        self, period: int, target_n: FloatArray, wanted: Wanted | None = None
+        self, period: int, target_n: FloatArray, wanted: WearerWish | None = None
     ) -> None:
         """One sample period of all trials; target_n [B]: of the drives.
 
