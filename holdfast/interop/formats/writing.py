@@ -22,7 +22,8 @@ from holdfast.core.table import trial_csv
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
-from holdfast.interop.map import NAMES, ImportMap, map_text, toml_text
+from holdfast.data.metrics import run_starts
+from holdfast.interop.map import ImportMap, map_text, toml_text
 from holdfast.interop.sensors import THUMB
 
 MAP_FILE = "import.toml"
@@ -37,8 +38,8 @@ THESIS_SENSORS = 6
 
 def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
     """The samples as the layout has them; a lost value is nan. absent: what is not measured."""
-    decimals = decimals_of(trial.t_s), decimals_of(trial.raw)
-    write_whole(path, trial_csv(trial.t_s, trial.raw, *decimals, absent))
+    t_s, raw = trial.t_s, trial.raw
+    write_whole(path, trial_csv(t_s, raw, decimals_of(t_s), decimals_of(raw), absent))
 
 
 def decimals_of(values: FloatArray) -> int:
@@ -53,13 +54,11 @@ def decimals_of(values: FloatArray) -> int:
 def truth_of(trial: Trial, labels: np.ndarray) -> str:
     """The phases of a trial: runs of equal labels [T], "" for none."""
     ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6).tolist()
-    changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
     phases = []
-    for first, stop in pairwise([0, *changes, len(labels)]):
+    for first, stop in pairwise([*run_starts(labels), len(labels)]):
         if labels[first]:
-            times = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
-            label = {"label": labels[first], "provenance": PROVENANCE}
-            phases.append({**times, **label})
+            phase = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
+            phases.append({**phase, "label": labels[first], "provenance": PROVENANCE})
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
@@ -69,13 +68,12 @@ def write_beside(folder: Path, plan: ImportMap, near: Path, written: Json) -> No
 
     near: a path in whose folder the hand card of the map may be. written: trial -> its log.
     """
-    facts = msgspec.to_builtins(plan.facts)
-    known = {key: value for key, value in facts.items() if key not in NAMES}
-    meta: Json = {"unit": plan.unit_of_values, "kind": "recorded", **known}
-    if plan.masses_g:
-        meta[MASSES_KEY] = plan.masses_g
-    text = json.dumps({**meta, "imported": written}, indent=1) + "\n"
-    write_whole(folder / META, text)
+    facts = plan.facts
+    meta: Json = {"unit": plan.unit_of_values, "kind": facts.kind or "recorded"}
+    if facts.action_at_s:
+        meta["action_at_s"] = facts.action_at_s
+    meta |= {MASSES_KEY: plan.masses_g, "imported": written}
+    write_whole(folder / META, json.dumps(meta, indent=1) + "\n")
     card = hand_card_text(plan, near)
     if card:
         write_whole(folder / HAND_FILE, card)
@@ -104,16 +102,14 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     """
     if plan.hand:
         return find_hand_card(plan.hand, near.parent).read_text("utf-8")
-    n_thumb = thumb_sensors(plan.sensors)
-    n_sensors = len(plan.sensors)
+    n_sensors, n_thumb = len(plan.sensors), thumb_sensors(plan.sensors)
     if not n_thumb:
         return ""
     sensors: list[Json] = []
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
-            name = f"sensor-{len(sensors) + 1}"
-            at_mm = round(along_mm, 1)
-            sensors.append({"name": name, "side": side, "along_mm": at_mm})
+            place = {"side": side, "along_mm": round(along_mm, 1)}
+            sensors.append({"name": f"sensor-{len(sensors) + 1}", **place})
 
     about = "Proposed by holdfast import: correct sides and places"
     name = f"imported-{n_sensors}-sensors"
