@@ -24,8 +24,8 @@ from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
 from holdfast.data.datasets.thesis import common_rate
-from holdfast.interop.formats.parquet import read_columns
-from holdfast.interop.formats.payload import LABEL_OF, TrialPayload
+from holdfast.interop.formats import parquet
+from holdfast.interop.formats.payload import LABELS, TrialPayload
 from holdfast.interop.formats.streams import ForeignLog, Stream
 
 with needs_extra("lerobot"):
@@ -35,19 +35,12 @@ QUANTILES = {
     "min": 0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99, "max": 1,
 }  # fmt: skip
 """Statistics that lerobot keeps of each feature, by its names; beside mean, std and count."""
+FIRST_FILE = {"chunk_index": 0, "file_index": 0}
 INFO, TASKS, EPISODES = "meta/info.json", "meta/tasks.parquet", "meta/episodes"
 TACTILE = "observation.tactile"
 VALID = "observation.tactile_valid"
-TIME = "observation.time_s"
 SITUATION, EPISODE = "situation", "episode_index"
 """Columns of a frame: the names that start with `observation.` are lerobot's convention."""
-PLACE = (
-    "data/chunk_index",
-    "data/file_index",
-    "meta/episodes/chunk_index",
-    "meta/episodes/file_index",
-)
-"""Where an episode is: in the first file, as a set of ours is smaller than a file of lerobot's."""
 
 
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
@@ -64,9 +57,9 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
         columns = {
             TACTILE: [*trial.values.astype(np.float32)],
             VALID: [*trial.recording.valid],
-            TIME: trial.t_s,
+            "observation.time_s": trial.t_s,
             SITUATION: trial.label,
-            # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
+            # lerobot checks that stamps are exactly frame / fps
             "timestamp": (rows / round(rate_hz)).astype(np.float32),
             "frame_index": rows,
             EPISODE: number,
@@ -74,25 +67,27 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
             "task_index": tasks.setdefault(text, len(tasks)),
         }
         frame = pd.DataFrame(columns)
-        episode: Json = {
+        episode = {
             EPISODE: number,
             "tasks": [text],
             "length": len(rows),
             "dataset_from_index": begins,
             "dataset_to_index": begins + len(rows),
             "holdfast": json.dumps(trial.about),
-            **dict.fromkeys(PLACE, 0),
+            # a set of ours stays in the first file: it is smaller than lerobot's files
+            "data": FIRST_FILE,
+            "meta": {"episodes": FIRST_FILE},
+            # so that sets are joined and cut without reading the data
+            "stats": _stats(frame),
         }
-        # an episode carries its own statistics, so that sets are joined without reading the data
-        for key, figures in _stats(frame).items():
-            for name, values in figures.items():
-                episode[f"stats/{key}/{name}"] = values
         frames.append(frame)
         episodes.append(episode)
         begins += len(rows)
 
     whole = pd.concat(frames)
-    for part, table in (("data", whole), (EPISODES, pd.DataFrame(episodes))):
+    # what is nested becomes columns such as `stats/index/min`
+    flat = pd.json_normalize(episodes, sep="/")
+    for part, table in (("data", whole), (EPISODES, flat)):
         path = folder / part / "chunk-000/file-000.parquet"
         path.parent.mkdir(parents=True)
         table.to_parquet(path, index=False)
@@ -150,7 +145,6 @@ def _info(
         "features": features,
         "holdfast": {
             "unit": recording.unit,
-            "rate_hz": rate_hz,
             "situations": list(SITUATIONS),
         },
     }
@@ -165,31 +159,28 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     """
     info = read(folder / INFO, Json, NotANumber)
     about = info.get("holdfast", {})
-    table = pd.DataFrame(read_columns(folder / "data")[0])
-    table = table.rename(columns=_names(info["features"]))
+    (frames,) = parquet.read_log(folder / "data", name).streams
+    table = pd.DataFrame(frames.columns)
+    for feature, facts in info["features"].items():
+        names = facts.get("names")
+        if isinstance(names, list):
+            # `observation.state.0` has its name there
+            labels = {
+                f"{feature}.{k}": f"{feature}.{one}" for k, one in enumerate(names)
+            }
+            table = table.rename(columns=labels)
     # before v3.0 the texts are in no table
     if (folder / TASKS).exists():
         tasks = pd.read_parquet(folder / TASKS)
         texts = pd.Series(tasks.index, tasks["task_index"])
         table["task"] = table["task_index"].map(texts)
     if about:
-        episodes = pd.read_parquet(folder / EPISODES).set_index(EPISODE)
-        facts = pd.DataFrame(map(json_of, episodes["holdfast"]), episodes.index)
-        facts = facts[["person", "object", "action"]].fillna("")
-        table = table.join(facts, on=EPISODE)
-        table[SITUATION] = table[SITUATION].map(LABEL_OF)
+        texts = pd.read_parquet(folder / EPISODES)["holdfast"]
+        known = pd.DataFrame(map(json_of, texts))
+        of_trial = known[["person", "object", "action"]].fillna("")
+        table = table.join(of_trial, on=EPISODE)
+        table[SITUATION] = table[SITUATION].map(LABELS.__getitem__)
         # the stamps of the format are those of a camera; the true ones are beside them
         table = table.drop(columns="timestamp")
     columns = {key: column.to_numpy() for key, column in table.items()}
     return ForeignLog(folder, name, (Stream(columns),), about)
-
-
-def _names(features: Json) -> dict[str, str]:
-    """`observation.state.0` -> its name in info.json, where that names each number."""
-    names = {}
-    for feature, about in features.items():
-        labels = about.get("names")
-        for k, label in enumerate(labels if isinstance(labels, list) else ()):
-            names[f"{feature}.{k}"] = f"{feature}.{label}"
-
-    return names

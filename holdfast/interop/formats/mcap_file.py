@@ -1,9 +1,9 @@
 """Trials as MCAP files for Foxglove, `<name>.mcap`, and any MCAP file as a log.
 
-| topic | schema | messages |
-| --- | --- | --- |
-| /tactile/fingers | holdfast.Fingers | a sample; a lost value is null |
-| /situation | holdfast.Situation | each change of the label |
+| topic | messages |
+| --- | --- |
+| /tactile/fingers | a sample; a lost value is null |
+| /situation | each change of the label |
 
 All messages are JSON. This module alone imports mcap and mcap_protobuf. `read_log` reads any file
 whose messages are JSON, protobuf or those of ROS 2: each number is a column `topic.field`.
@@ -24,7 +24,7 @@ from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of, message_of
 from holdfast.data.metrics import run_starts
-from holdfast.interop.formats.payload import LABEL_OF, START_KEY, TrialPayload
+from holdfast.interop.formats.payload import LABELS, START_KEY, TrialPayload
 from holdfast.interop.formats.streams import ForeignLog
 
 with needs_extra("mcap"):
@@ -39,23 +39,15 @@ READING = (*AXES, "valid")
 """What a message has of each sensor."""
 TEXT, NUMBER = {"type": "string"}, {"type": "number"}
 # viewers take a field of one type alone, and a null in it
-FINGER = {
-    "type": "object",
-    "properties": {**dict.fromkeys(AXES, NUMBER), "valid": {"type": "boolean"}},
-}
-SCHEMAS: dict[str, Json] = {
+FINGER = {**dict.fromkeys(AXES, NUMBER), "valid": {"type": "boolean"}}
+FIELDS = {
     FINGERS: {
-        "title": "holdfast.Fingers",
-        "type": "object",
-        "properties": {"unit": TEXT, "fingers": {"type": "array", "items": FINGER}},
+        "unit": TEXT,
+        "fingers": {"type": "array", "items": {"type": "object", "properties": FINGER}},
     },
-    SITUATION: {
-        "title": "holdfast.Situation",
-        "type": "object",
-        "properties": {"situation": TEXT},
-    },
+    SITUATION: {"situation": TEXT},
 }
-"""Topic -> the JSON schema of its messages; Foxglove names it by its title."""
+"""Topic -> the fields of a message, as JSON Schema."""
 EPOCH = "1970-01-01T00:00:00Z"
 """When a trial begins that does not say it."""
 
@@ -68,9 +60,9 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
         writer = Writer(str(path))
         writer.start(library="holdfast")
         channels = {}
-        for topic, schema in SCHEMAS.items():
-            data = json.dumps(schema).encode()
-            number = writer.register_schema(schema["title"], "jsonschema", data)
+        for topic, fields in FIELDS.items():
+            schema = json.dumps({"type": "object", "properties": fields}).encode()
+            number = writer.register_schema(f"holdfast{topic}", "jsonschema", schema)
             channels[topic] = writer.register_channel(topic, "json", number)
         for topic, t_ns, message in _messages(trial):
             # allow_nan=False: the browser's JSON parser refuses a bare NaN.
@@ -88,7 +80,7 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
     start_ns = 10**9 * int(start.timestamp())
     stamps = (start_ns + np.round(1e9 * trial.t_s).astype(np.int64)).tolist()
     for row in run_starts(trial.label):
-        yield SITUATION, stamps[row], {"situation": LABEL_OF[trial.label[row]]}
+        yield SITUATION, stamps[row], {"situation": LABELS[trial.label[row]]}
 
     # JSON has no nan, so a lost value is None
     values = np.where(np.isfinite(trial.values), trial.values, np.array(None))

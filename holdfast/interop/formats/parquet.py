@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json, channel_names, valid_names
+from holdfast.core.contract import SITUATIONS, channel_names, valid_names
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
@@ -56,7 +56,7 @@ def table_of(trial: TrialPayload) -> Any:
         text = pa.scalar(trial.about[key], pa.string())
         columns[key] = pa.repeat(text, len(trial.t_s))
 
-    units = {name: {"unit": recording.unit} for name in channels}
+    units = {name: {"unit": str(recording.unit)} for name in channels}
     units[TIME_COLUMN] = {"unit": "s"}
     table = pa.table(columns)
     fields = [field.with_metadata(units.get(field.name)) for field in table.schema]
@@ -65,13 +65,7 @@ def table_of(trial: TrialPayload) -> Any:
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
-    """Any Parquet file as a log of one table."""
-    columns, about = read_columns(path)
-    return ForeignLog(path, name, (Stream(columns),), about)
-
-
-def read_columns(path: Path) -> tuple[Columns, Json]:
-    """(columns, what `holdfast convert` says of the trial) of a file, or of all in a folder.
+    """Any Parquet file, or all files of a folder, as a log of one table.
 
     A column of lists of one length, or of structs, becomes `name.0`, `name.1`, .. or `name.field`;
     a null is nan or "". Raises what pyarrow and json raise.
@@ -82,9 +76,9 @@ def read_columns(path: Path) -> tuple[Columns, Json]:
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     columns: Columns = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        columns |= _cells(name, column)
-    return columns, about
+    for key, column in zip(table.column_names, table.columns, strict=True):
+        columns |= _cells(key, column)
+    return ForeignLog(path, name, (Stream(columns),), about)
 
 
 def _cells(name: str, column: Any) -> Columns:

@@ -23,8 +23,8 @@ from holdfast.data.windows import TimedTrial
 
 NO_LABEL = -1
 """The number of a row without a label."""
-LABEL_OF = {NO_LABEL: "unlabelled", **dict(enumerate(SITUATIONS))}
-"""The number of a label -> its name."""
+LABELS = (*SITUATIONS, "unlabelled")
+"""The name of each number; the last one is that of NO_LABEL."""
 START_KEY = "started_utc"
 """In a recorder's meta.json: the start of the trial, to the second."""
 

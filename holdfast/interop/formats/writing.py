@@ -26,15 +26,6 @@ from holdfast.data.metrics import run_starts
 from holdfast.interop.map import ImportMap, map_text, toml_text
 from holdfast.interop.sensors import THUMB
 
-MAP_FILE = "import.toml"
-"""The map, kept with what it made."""
-PROVENANCE = "events"
-"""What a truth file says of where its phases come from."""
-MOST_DECIMALS, FLOAT_DIGITS = 9, 15
-"""Of a number that is written: the thousandth of a unit of any sensor, as exact as float64 is."""
-THESIS_SENSORS = 6
-"""Of a set without a hand card."""
-
 
 def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
     """The samples as the layout has them; a lost value is nan. absent: what is not measured."""
@@ -43,10 +34,11 @@ def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
 
 
 def decimals_of(values: FloatArray) -> int:
-    """How many decimals all values need, of the nine that are kept."""
+    """How many decimals all values need, of nine: a thousandth of a unit of any sensor."""
     known = np.nan_to_num(values)
     digits = len(str(int(np.abs(known).max())))
-    most = min(MOST_DECIMALS, FLOAT_DIGITS - digits)
+    # as exact as float64 is
+    most = min(9, 15 - digits)
     exact = known.round(most)
     return next(n for n in range(most + 1) if (known.round(n) == exact).all())
 
@@ -58,7 +50,7 @@ def truth_of(trial: Trial, labels: np.ndarray) -> str:
     for first, stop in pairwise([*run_starts(labels), len(labels)]):
         if labels[first]:
             phase = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
-            phases.append({**phase, "label": labels[first], "provenance": PROVENANCE})
+            phases.append({**phase, "label": labels[first], "provenance": "events"})
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
@@ -79,7 +71,7 @@ def write_beside(folder: Path, plan: ImportMap, near: Path, written: Json) -> No
         write_whole(folder / HAND_FILE, card)
         plan = msgspec.structs.replace(plan, hand=HAND_FILE)
 
-    write_whole(folder / MAP_FILE, map_text(plan))
+    write_whole(folder / "import.toml", map_text(plan))
 
 
 def thumb_sensors(sensors: Sequence[SensorColumns]) -> int:
@@ -89,7 +81,7 @@ def thumb_sensors(sensors: Sequence[SensorColumns]) -> int:
     fingertips, and where no card has so many.
     """
     n_sensors = len(sensors)
-    if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+    if n_sensors == 6 or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
         return 0
     named = sum(bool(THUMB.search(sensor.x)) for sensor in sensors)
     return named if 0 < named < n_sensors else max(1, n_sensors // 3)
