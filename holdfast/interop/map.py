@@ -147,8 +147,8 @@ class ImportMap(ColumnMap, frozen=True):
 
     trials: TrialRules = TrialRules()
     facts: Facts = Facts()
-    actions: dict[str, str] = msgspec.field(default_factory=dict)
-    masses_g: dict[str, Positive] = msgspec.field(default_factory=dict)
+    actions: Mapping[str, str] = {}
+    masses_g: Mapping[str, Positive] = {}
     events: EventRules | None = None
     unwrap: bool = False
 

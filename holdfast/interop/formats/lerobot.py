@@ -46,8 +46,8 @@ SITUATION, EPISODE = "situation", "episode_index"
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
-    frames: list[pd.DataFrame] = []
-    episodes: list[Json] = []
+    frames = []
+    episodes = []
     tasks: dict[str, int] = {}
     begins = 0
     for number, trial in enumerate(trials):
@@ -92,12 +92,11 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
         path.parent.mkdir(parents=True)
         table.to_parquet(path, index=False)
     # the texts are the index, as lerobot looks them up
-    numbers = pd.Series(tasks, name="task_index").rename_axis("task")
-    numbers.to_frame().to_parquet(folder / TASKS)
+    numbers = pd.DataFrame({"task_index": tasks}).rename_axis("task")
+    numbers.to_parquet(folder / TASKS)
     info = _info(trials, rate_hz, whole, len(tasks))
     for file, value in (("meta/stats.json", _stats(whole)), (INFO, info)):
-        text = json.dumps(value, indent=4, allow_nan=False)
-        write_whole(folder / file, text + "\n")
+        write_whole(folder / file, json.dumps(value, indent=4))
 
 
 def _stats(frames: pd.DataFrame) -> Json:
@@ -118,14 +117,14 @@ def _info(
     """The content of meta/info.json; what stands under `holdfast` is ours."""
     recording = trials[0].recording
     names = {
-        TACTILE: list(channel_names(recording.n_sensors)),
-        VALID: list(valid_names(recording.n_sensors)),
+        TACTILE: channel_names(recording.n_sensors),
+        VALID: valid_names(recording.n_sensors),
     }
     features: Json = {}
     for key, column in frames.items():
         cell = np.asarray(column.iloc[0])
         # the format has no scalars: a single number has shape [1]
-        about = {"dtype": cell.dtype.name, "shape": list(cell.shape) or [1]}
+        about = {"dtype": cell.dtype.name, "shape": cell.shape or [1]}
         features[key] = {**about, "names": names.get(key)}
 
     return {
@@ -145,7 +144,7 @@ def _info(
         "features": features,
         "holdfast": {
             "unit": recording.unit,
-            "situations": list(SITUATIONS),
+            "situations": SITUATIONS,
         },
     }
 

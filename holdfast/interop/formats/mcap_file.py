@@ -101,7 +101,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
     A file that was cut off is read as far as it goes, and noted.
     """
     messages: dict[str, Any] = {}
-    decoders: dict[int, Any] = {}
+    decoders = {}
     about: Json = {}
     notes: tuple[str, ...] = ()
     try:
