@@ -31,10 +31,9 @@ from holdfast.interop.formats.streams import ForeignLog, Stream
 with needs_extra("lerobot"):
     import pandas as pd
 
-QUANTILES = {
-    "min": 0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99, "max": 1,
-}  # fmt: skip
-"""Statistics that lerobot keeps of each feature, by its names; beside mean, std and count."""
+QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
+STATISTICS = ("count", "mean", "std", "min", "q01", "q10", "q50", "q90", "q99", "max")
+"""Of each feature, by lerobot's names in the order of pandas' describe."""
 FIRST_FILE = {"chunk_index": 0, "file_index": 0}
 INFO, TASKS, EPISODES = "meta/info.json", "meta/tasks.parquet", "meta/episodes"
 TACTILE = "observation.tactile"
@@ -45,7 +44,7 @@ SITUATION, EPISODE = "situation", "episode_index"
 
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
-    rate_hz = common_rate([trial.recording for trial in trials])
+    fps = round(common_rate([trial.recording for trial in trials]))
     frames = []
     episodes = []
     tasks: dict[str, int] = {}
@@ -54,34 +53,36 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
         # such as `pull soft-ball`; the empty hand has no object
         text = f"{trial.about['action']} {trial.about['object'] or ''}".strip()
         rows = np.arange(len(trial.t_s))
-        columns = {
-            TACTILE: [*trial.values.astype(np.float32)],
-            VALID: [*trial.recording.valid],
-            "observation.time_s": trial.t_s,
-            SITUATION: trial.label,
-            # lerobot checks that stamps are exactly frame / fps
-            "timestamp": (rows / round(rate_hz)).astype(np.float32),
-            "frame_index": rows,
-            EPISODE: number,
-            "index": begins + rows,
-            "task_index": tasks.setdefault(text, len(tasks)),
-        }
-        frame = pd.DataFrame(columns)
-        episode = {
-            EPISODE: number,
-            "tasks": [text],
-            "length": len(rows),
-            "dataset_from_index": begins,
-            "dataset_to_index": begins + len(rows),
-            "holdfast": json.dumps(trial.about),
-            # a set of ours stays in the first file: it is smaller than lerobot's files
-            "data": FIRST_FILE,
-            "meta": {"episodes": FIRST_FILE},
-            # so that sets are joined and cut without reading the data
-            "stats": _stats(frame),
-        }
+        frame = pd.DataFrame(
+            {
+                TACTILE: [*trial.values.astype(np.float32)],
+                VALID: [*trial.recording.valid],
+                "observation.time_s": trial.t_s,
+                SITUATION: trial.label,
+                # lerobot checks that stamps are exactly frame / fps
+                "timestamp": (rows / fps).astype(np.float32),
+                "frame_index": rows,
+                EPISODE: number,
+                "index": begins + rows,
+                "task_index": tasks.setdefault(text, len(tasks)),
+            }
+        )
         frames.append(frame)
-        episodes.append(episode)
+        episodes.append(
+            {
+                EPISODE: number,
+                "tasks": [text],
+                "length": len(rows),
+                "dataset_from_index": begins,
+                "dataset_to_index": begins + len(rows),
+                "holdfast": json.dumps(trial.about),
+                # a set of ours stays in the first file: it is smaller than lerobot's files
+                "data": FIRST_FILE,
+                "meta": {"episodes": FIRST_FILE},
+                # so that sets are joined and cut without reading the data
+                "stats": _stats(frame),
+            }
+        )
         begins += len(rows)
 
     whole = pd.concat(frames)
@@ -94,7 +95,7 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     # the texts are the index, as lerobot looks them up
     numbers = pd.DataFrame({"task_index": tasks}).rename_axis("task")
     numbers.to_parquet(folder / TASKS)
-    info = _info(trials, rate_hz, whole, len(tasks))
+    info = _info(trials, fps, whole, len(tasks))
     for file, value in (("meta/stats.json", _stats(whole)), (INFO, info)):
         write_whole(folder / file, json.dumps(value, indent=4))
 
@@ -104,15 +105,14 @@ def _stats(frames: pd.DataFrame) -> Json:
     stats = {}
     for key, column in frames.items():
         table = pd.DataFrame(column.tolist(), dtype=np.float64)
-        figures = table.quantile([*QUANTILES.values()]).set_axis([*QUANTILES])
-        figures.loc["mean"], figures.loc["std"] = table.mean(), table.std(ddof=0)
-        # JSON has no nan
+        figures = table.describe(QUANTILES).set_axis(STATISTICS)
+        # JSON has no nan, and lerobot one count of all rows
         stats[key] = figures.fillna(0.0).T.to_dict("list") | {"count": [len(table)]}
     return stats
 
 
 def _info(
-    trials: Sequence[TrialPayload], rate_hz: float, frames: pd.DataFrame, n_tasks: int
+    trials: Sequence[TrialPayload], fps: int, frames: pd.DataFrame, n_tasks: int
 ) -> Json:
     """The content of meta/info.json; what stands under `holdfast` is ours."""
     recording = trials[0].recording
@@ -137,7 +137,7 @@ def _info(
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": round(rate_hz),
+        "fps": fps,
         "splits": {"train": f"0:{len(trials)}"},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,

@@ -35,11 +35,9 @@ with needs_extra("mcap"):
     from mcap_protobuf.decoder import DecoderFactory
 
 FINGERS, SITUATION = "/tactile/fingers", "/situation"
-READING = (*AXES, "valid")
-"""What a message has of each sensor."""
 TEXT, NUMBER = {"type": "string"}, {"type": "number"}
-# viewers take a field of one type alone, and a null in it
 FINGER = {**dict.fromkeys(AXES, NUMBER), "valid": {"type": "boolean"}}
+"""What a message has of each sensor; viewers refuse a field of two types, and take a null."""
 FIELDS = {
     FINGERS: {
         "unit": TEXT,
@@ -77,7 +75,7 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
 def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
     """(topic, ns since 1970, message): situations, then sample by sample."""
     start = datetime.fromisoformat(trial.about[START_KEY] or EPOCH)
-    start_ns = 10**9 * int(start.timestamp())
+    start_ns = int(1e9 * start.timestamp())
     stamps = (start_ns + np.round(1e9 * trial.t_s).astype(np.int64)).tolist()
     for row in run_starts(trial.label):
         yield SITUATION, stamps[row], {"situation": LABELS[trial.label[row]]}
@@ -87,7 +85,7 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
     valid = trial.recording.valid[:, :, None]
     readings = np.append(values.reshape(len(values), -1, len(AXES)), valid, axis=2)
     for t_ns, row in zip(stamps, readings.tolist(), strict=True):
-        fingers = [dict(zip(READING, one, strict=True)) for one in row]
+        fingers = [dict(zip(FINGER, one, strict=True)) for one in row]
         yield FINGERS, t_ns, {"unit": trial.recording.unit, "fingers": fingers}
 
 

@@ -42,14 +42,12 @@ def table_of(trial: TrialPayload) -> Any:
     """A trial as a pyarrow.Table."""
     recording = trial.recording
     channels = channel_names(recording.n_sensors)
-    columns = {TIME_COLUMN: pa.array(trial.t_s)}
-    for name, values in zip(channels, trial.values.T, strict=True):
-        # Null says "no value" in every reader; nan is a float like any other.
-        columns[name] = pa.array(values, from_pandas=True)
-    flags = valid_names(recording.n_sensors)
-    columns |= zip(flags, map(pa.array, recording.valid.T), strict=True)
-
-    # the last one is that of NO_LABEL
+    names = [TIME_COLUMN, *channels, *valid_names(recording.n_sensors)]
+    cells = [trial.t_s, *trial.values.T, *recording.valid.T]
+    # Null says "no value" in every reader; nan is a float like any other.
+    arrays = [pa.array(one, from_pandas=True) for one in cells]
+    columns = dict(zip(names, arrays, strict=True))
+    # the last one is that of -1
     texts = np.array([*SITUATIONS, None])
     columns["label"] = pa.array(texts[trial.label], pa.string())
     for key in ("trial", "person", "object", "action"):

@@ -21,10 +21,8 @@ from holdfast.data.datasets.thesis import preparation
 from holdfast.data.recording import Recording
 from holdfast.data.windows import TimedTrial
 
-NO_LABEL = -1
-"""The number of a row without a label."""
 LABELS = (*SITUATIONS, "unlabelled")
-"""The name of each number; the last one is that of NO_LABEL."""
+"""The names of labels by their numbers; -1 is that of a row without one."""
 START_KEY = "started_utc"
 """In a recorder's meta.json: the start of the trial, to the second."""
 
@@ -35,7 +33,7 @@ class TrialPayload:
 
     recording: unit, rate and validity; a sensor is valid where it was and has all three values.
     t_s [T] from the first sample; values [T, C] in the recording's unit, nan where a sample was
-    lost. label [T]: index into SITUATIONS, or NO_LABEL. about: what is known of the trial, and how
+    lost. label [T]: index into SITUATIONS, -1 for none. about: what is known of the trial, and how
     the values were prepared, for the metadata of a format.
     """
 
@@ -87,8 +85,8 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
     trial = read_trial(path, hand_card_near(path))
     recording = timed.recording
 
-    # Rows in no phase keep NO_LABEL: no other situation is assumed for them.
-    label = np.full(len(trial.t_s), NO_LABEL)
+    # Rows in no phase keep -1: no other situation is assumed for them.
+    label = np.full(len(trial.t_s), -1)
     for phase in recording.phases:
         label[phase.first : phase.stop] = phase.situation
 

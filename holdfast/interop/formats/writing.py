@@ -49,8 +49,14 @@ def truth_of(trial: Trial, labels: np.ndarray) -> str:
     phases = []
     for first, stop in pairwise([*run_starts(labels), len(labels)]):
         if labels[first]:
-            phase = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
-            phases.append({**phase, "label": labels[first], "provenance": "events"})
+            phases.append(
+                {
+                    "t0_s": ends_s[first],
+                    "t1_s": ends_s[stop],
+                    "label": labels[first],
+                    "provenance": "events",
+                }
+            )
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
@@ -100,9 +106,17 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     sensors: list[Json] = []
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
-            place = {"side": side, "along_mm": round(along_mm, 1)}
-            sensors.append({"name": f"sensor-{len(sensors) + 1}", **place})
+            sensors.append(
+                {
+                    "name": f"sensor-{len(sensors) + 1}",
+                    "side": side,
+                    "along_mm": round(along_mm, 1),
+                }
+            )
 
-    about = "Proposed by holdfast import: correct sides and places"
-    name = f"imported-{n_sensors}-sensors"
-    return toml_text({"name": name, "about": about, "sensors": sensors})
+    card = {
+        "name": f"imported-{n_sensors}-sensors",
+        "about": "Proposed by holdfast import: correct sides and places",
+        "sensors": sensors,
+    }
+    return toml_text(card)
