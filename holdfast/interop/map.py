@@ -132,8 +132,9 @@ class EventRules(Table, frozen=True):
     def __post_init__(self) -> None:
         is_table = self.file and self.start and (self.label or self.labels)
         if bool(self.column) == bool(is_table):
-            allowed = "column, or file with start, and label or labels"
-            raise ValueError(f"no labels; allowed: {allowed}")
+            raise ValueError(
+                "no labels; allowed: column, or file with start and label or labels"
+            )
 
     @property
     def rest(self) -> Situation:

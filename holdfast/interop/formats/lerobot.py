@@ -124,8 +124,11 @@ def _info(
     for key, column in frames.items():
         cell = np.asarray(column.iloc[0])
         # the format has no scalars: a single number has shape [1]
-        about = {"dtype": cell.dtype.name, "shape": cell.shape or [1]}
-        features[key] = {**about, "names": names.get(key)}
+        features[key] = {
+            "dtype": cell.dtype.name,
+            "shape": cell.shape or [1],
+            "names": names.get(key),
+        }
 
     return {
         "codebase_version": "v3.0",
@@ -142,10 +145,7 @@ def _info(
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,
         "features": features,
-        "holdfast": {
-            "unit": recording.unit,
-            "situations": SITUATIONS,
-        },
+        "holdfast": {"unit": recording.unit, "situations": SITUATIONS},
     }
 
 
@@ -164,10 +164,11 @@ def read_log(folder: Path, name: str) -> ForeignLog:
         names = facts.get("names")
         if isinstance(names, list):
             # `observation.state.0` has its name there
-            labels = {
-                f"{feature}.{k}": f"{feature}.{one}" for k, one in enumerate(names)
-            }
-            table = table.rename(columns=labels)
+            table = table.rename(
+                columns={
+                    f"{feature}.{k}": f"{feature}.{one}" for k, one in enumerate(names)
+                }
+            )
     # before v3.0 the texts are in no table
     if (folder / TASKS).exists():
         tasks = pd.read_parquet(folder / TASKS)

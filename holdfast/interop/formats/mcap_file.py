@@ -24,7 +24,7 @@ from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of, message_of
 from holdfast.data.metrics import run_starts
-from holdfast.interop.formats.payload import LABELS, START_KEY, TrialPayload
+from holdfast.interop.formats.payload import LABELS, TrialPayload
 from holdfast.interop.formats.streams import ForeignLog
 
 with needs_extra("mcap"):
@@ -34,20 +34,17 @@ with needs_extra("mcap"):
     from mcap.writer import Writer
     from mcap_protobuf.decoder import DecoderFactory
 
-FINGERS, SITUATION = "/tactile/fingers", "/situation"
 TEXT, NUMBER = {"type": "string"}, {"type": "number"}
 FINGER = {**dict.fromkeys(AXES, NUMBER), "valid": {"type": "boolean"}}
 """What a message has of each sensor; viewers refuse a field of two types, and take a null."""
 FIELDS = {
-    FINGERS: {
+    "/tactile/fingers": {
         "unit": TEXT,
         "fingers": {"type": "array", "items": {"type": "object", "properties": FINGER}},
     },
-    SITUATION: {"situation": TEXT},
+    "/situation": {"situation": TEXT},
 }
 """Topic -> the fields of a message, as JSON Schema."""
-EPOCH = "1970-01-01T00:00:00Z"
-"""When a trial begins that does not say it."""
 
 
 def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
@@ -63,8 +60,7 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
             number = writer.register_schema(f"holdfast{topic}", "jsonschema", schema)
             channels[topic] = writer.register_channel(topic, "json", number)
         for topic, t_ns, message in _messages(trial):
-            # allow_nan=False: the browser's JSON parser refuses a bare NaN.
-            data = json.dumps(message, allow_nan=False).encode()
+            data = json.dumps(message).encode()
             writer.add_message(channels[topic], t_ns, data, t_ns)
         # The metadata of MCAP are texts, so each value is JSON of its own.
         about = {key: json.dumps(value) for key, value in trial.about.items()}
@@ -74,11 +70,11 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
 
 def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
     """(topic, ns since 1970, message): situations, then sample by sample."""
-    start = datetime.fromisoformat(trial.about[START_KEY] or EPOCH)
+    start = datetime.fromisoformat(trial.about["started_utc"] or "1970-01-01T00:00:00Z")
     start_ns = int(1e9 * start.timestamp())
     stamps = (start_ns + np.round(1e9 * trial.t_s).astype(np.int64)).tolist()
     for row in run_starts(trial.label):
-        yield SITUATION, stamps[row], {"situation": LABELS[trial.label[row]]}
+        yield "/situation", stamps[row], {"situation": LABELS[trial.label[row]]}
 
     # JSON has no nan, so a lost value is None
     values = np.where(np.isfinite(trial.values), trial.values, np.array(None))
@@ -86,7 +82,8 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
     readings = np.append(values.reshape(len(values), -1, len(AXES)), valid, axis=2)
     for t_ns, row in zip(stamps, readings.tolist(), strict=True):
         fingers = [dict(zip(FINGER, one, strict=True)) for one in row]
-        yield FINGERS, t_ns, {"unit": trial.recording.unit, "fingers": fingers}
+        message = {"unit": trial.recording.unit, "fingers": fingers}
+        yield "/tactile/fingers", t_ns, message
 
 
 PICTURE = re.compile("SceneUpdate|Image|Video|PointCloud|Grid|LaserScan")

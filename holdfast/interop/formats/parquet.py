@@ -26,9 +26,6 @@ with needs_extra("parquet"):
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-KEY = "holdfast"
-"""Of the table's metadata, where what is known of the trial stands as JSON."""
-
 
 def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
     """One file for each trial below a folder, compressed with zstd."""
@@ -51,14 +48,14 @@ def table_of(trial: TrialPayload) -> Any:
     texts = np.array([*SITUATIONS, None])
     columns["label"] = pa.array(texts[trial.label], pa.string())
     for key in ("trial", "person", "object", "action"):
-        text = pa.scalar(trial.about[key], pa.string())
-        columns[key] = pa.repeat(text, len(trial.t_s))
+        text = [trial.about[key]] * len(trial.t_s)
+        columns[key] = pa.array(text, pa.string())
 
     units = {name: {"unit": str(recording.unit)} for name in channels}
     units[TIME_COLUMN] = {"unit": "s"}
     table = pa.table(columns)
     fields = [field.with_metadata(units.get(field.name)) for field in table.schema]
-    about = {KEY: json.dumps(trial.about)}
+    about = {"holdfast": json.dumps(trial.about)}
     return table.cast(pa.schema(fields, metadata=about))
 
 
@@ -70,7 +67,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
     """
     # without partitioning, a=1 in a path is a name like any other
     table = pq.read_table(path, partitioning=None)
-    about = json_of((table.schema.metadata or {}).get(KEY.encode(), b"{}"))
+    about = json_of((table.schema.metadata or {}).get(b"holdfast", b"{}"))
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     columns: Columns = {}

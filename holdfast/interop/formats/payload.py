@@ -23,8 +23,6 @@ from holdfast.data.windows import TimedTrial
 
 LABELS = (*SITUATIONS, "unlabelled")
 """The names of labels by their numbers; -1 is that of a row without one."""
-START_KEY = "started_utc"
-"""In a recorder's meta.json: the start of the trial, to the second."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +103,8 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
         "sign": sign.tolist(),
         "bias": bias.tolist(),
         "labels_by": timed.labels_by,
-        # of the recorder's folders alone
-        START_KEY: read_json(path.with_name(META)).get(START_KEY),
+        # to the second, of the recorder's folders alone
+        "started_utc": read_json(path.with_name(META)).get("started_utc"),
     }
     values = trial.raw if raw else recording.samples
     return TrialPayload(recording, trial.t_s, values, label, about)

@@ -29,8 +29,8 @@ from holdfast.interop.sensors import THUMB
 
 def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
     """The samples as the layout has them; a lost value is nan. absent: what is not measured."""
-    t_s, raw = trial.t_s, trial.raw
-    write_whole(path, trial_csv(t_s, raw, decimals_of(t_s), decimals_of(raw), absent))
+    decimals = decimals_of(trial.t_s), decimals_of(trial.raw)
+    write_whole(path, trial_csv(trial.t_s, trial.raw, *decimals, absent))
 
 
 def decimals_of(values: FloatArray) -> int:
@@ -114,9 +114,10 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
                 }
             )
 
-    card = {
-        "name": f"imported-{n_sensors}-sensors",
-        "about": "Proposed by holdfast import: correct sides and places",
-        "sensors": sensors,
-    }
-    return toml_text(card)
+    return toml_text(
+        {
+            "name": f"imported-{n_sensors}-sensors",
+            "about": "Proposed by holdfast import: correct sides and places",
+            "sensors": sensors,
+        }
+    )
