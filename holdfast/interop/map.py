@@ -57,11 +57,12 @@ _TRIALS = (
 PERSON = re.compile(rf"(?i)({_PEOPLE})[-_ ]?\d+")
 NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+")
 """Words of paths that number people and trials."""
-_PHRASES = "no[-_ ]slip|hand[-_ ]over|put[-_ ]down"
-TOGETHER = rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|{_PHRASES})"
+TOGETHER = (
+    rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|no[-_ ]slip|hand[-_ ]over|put[-_ ]down)"
+)
 """What is one word of a path although a sign of a gap stands in it."""
 Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
-Mass = Annotated[float, Meta(gt=0.0, le=1e6)]
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class Table(
@@ -80,35 +81,28 @@ class TrialRules(Table, frozen=True):
     object: Name = ""
     action: Name = ""
 
-    def __post_init__(self) -> None:
-        fields = re.findall(r"\{(.*?)\}", self.path)
-        if len({*fields} & {*NAMES, "trial"}) < len(fields):
-            raise ValueError(
-                f"path = {self.path!r}; allowed: {{person}}, {{object}}, {{action}} and {{trial}}, "
-                "each once"
-            )
-
     def names_of(self, name: str, where: Path) -> dict[str, str]:
         """What the path of a log says by the pattern. Raises LabelError."""
         if not self.path:
             return {}
-        pattern = re.escape(self.path).replace(r"\*", "[^/]*")
-        of_key = {"trial": NUMBERED.pattern.removeprefix("(?i)") + "[a-z]?"}
+        forms = dict.fromkeys(NAMES, f"{TOGETHER}|[^/]+?")
+        forms["trial"] = NUMBERED.pattern.removeprefix("(?i)") + "[a-z]?"
         if "-" in self.path:
             # soft-ball-slip is a soft-ball
-            of_key["action"] = f"{TOGETHER}|[^/_ .-]+"
-        for key in (*NAMES, "trial"):
-            form = of_key.get(key, f"{TOGETHER}|[^/]+?")
-            pattern = pattern.replace(rf"\{{{key}\}}", f"(?P<{key}>(?i:{form}))")
+            forms["action"] = f"{TOGETHER}|[^/_ .-]+"
+        pattern = re.escape(self.path).replace(r"\*", "[^/]*")
+        for key, form in forms.items():
+            group = f"(?P<{key}>(?i:{form}))"
+            pattern = pattern.replace(rf"\{{{key}\}}", group, 1)
         match = re.fullmatch(pattern, name)
         if match is None:
             raise LabelError(
                 f"{name} is not {self.path} (trials.path)",
                 where=where,
-                next_step="correct trials.path in the map",
+                next_step="correct it: {person}, {object}, {action} and {trial}, each once",
             )
 
-        return {key: text for key, text in match.groupdict().items() if key in NAMES}
+        return match.groupdict()
 
 
 class Facts(Table, frozen=True):
@@ -118,7 +112,7 @@ class Facts(Table, frozen=True):
     object: Name = ""
     action: Name = ""
     kind: Name = ""
-    action_at_s: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None
+    action_at_s: Positive | None = None
 
 
 class EventRules(Table, frozen=True):
@@ -136,10 +130,11 @@ class EventRules(Table, frozen=True):
     labels: dict[str, Situation] = {}
 
     def __post_init__(self) -> None:
-        if bool(self.file) == bool(self.column):
-            raise ValueError("file and column; allowed: one of both")
-        if self.file and not (self.start and (self.label or self.labels)):
-            raise ValueError("file; allowed: with start, and label or labels")
+        is_table = self.file and self.start and (self.label or self.labels)
+        if bool(self.column) == bool(is_table):
+            raise ValueError(
+                "no labels; allowed: column, or file with start and label or labels"
+            )
 
     @property
     def rest(self) -> Situation:
@@ -153,8 +148,8 @@ class ImportMap(ColumnMap, frozen=True):
 
     trials: TrialRules = TrialRules()
     facts: Facts = Facts()
-    actions: dict[str, str] = msgspec.field(default_factory=dict)
-    masses_g: dict[str, Mass] = msgspec.field(default_factory=dict)
+    actions: Mapping[str, str] = {}
+    masses_g: Mapping[str, Positive] = {}
     events: EventRules | None = None
     unwrap: bool = False
 
@@ -170,11 +165,11 @@ class ImportMap(ColumnMap, frozen=True):
 
     def situation(self, label: str) -> str | None:
         """The situation of a label, "" for none; None for a label that is not known."""
-        labels = self.events.labels if self.events else {}
-        of_action = SITUATION_OF_ACTION.get(self.action(label) or "", "")
-        known = {name: name for name in ("", *SITUATIONS)}
-        known |= dict.fromkeys(self.actions, of_action) | labels
-        return known.get(label)
+        if self.events and label in self.events.labels:
+            return self.events.labels[label]
+        if label in self.actions:
+            return SITUATION_OF_ACTION.get(self.action(label) or "", "")
+        return label if label in ("", *SITUATIONS) else None
 
 
 # -- as a file
@@ -200,7 +195,9 @@ def map_text(plan: ColumnMap) -> str:
 
 def is_changed(path: Path) -> bool:
     """Whether a file that is there is no map of ours, or was changed by hand."""
-    text = path.read_text("utf-8", errors="replace") if path.exists() else _marked("")
+    if not path.exists():
+        return False
+    text = path.read_text("utf-8", errors="replace")
     return text != _marked(text.partition("\n")[2])
 
 
@@ -209,19 +206,23 @@ def _marked(body: str) -> str:
     return f"# Written by holdfast import, {mark}: a changed file is kept.\n{body}"
 
 
-def toml_text(table: Mapping[str, Any], name: str = "") -> str:
-    """A table of TOML: its own keys, then the tables within it, and lists of tables."""
-    lines, within = [], []
+def toml_text(table: Mapping[str, Any], within: str = "") -> str:
+    """A table of TOML: its own keys, then the tables within it, and lists of tables.
+
+    within: what its name begins with, such as `events.`
+    """
+    lines, tables = "", ""
     for key, value in table.items():
         key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else json.dumps(key)
-        whole = f"{name}.{key}" if name else key
+        name = f"{within}{key}"
         if isinstance(value, dict):
-            within += [f"\n[{whole}]\n{toml_text(value, whole)}"] if value else []
+            inner = toml_text(value, f"{name}.")
+            tables += f"\n[{name}]\n{inner}" if inner else ""
         elif isinstance(value, list | tuple) and isinstance(value[0], dict):
-            within += [f"\n[[{whole}]]\n{toml_text(one, whole)}" for one in value]
+            tables += "".join(f"\n[[{name}]]\n{toml_text(one)}" for one in value)
         else:
             # a text, a number or a list of such is written as in JSON
-            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}\n")
+            lines += f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
 
     # TOML forbids the one control character that JSON leaves as it is.
-    return "".join(lines + within).replace("\x7f", "\\u007f")
+    return (lines + tables).replace("\x7f", "\\u007f")

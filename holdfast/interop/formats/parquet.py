@@ -15,98 +15,65 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json, channel_names, valid_names
+from holdfast.core.contract import SITUATIONS, channel_names, valid_names
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.interop.formats.payload import NO_LABEL, TrialPayload
+from holdfast.interop.formats.payload import TrialPayload
 from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, text_column
 
 with needs_extra("parquet"):
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-KEY = "holdfast"
-"""Of the table's metadata, where what is known of the trial stands as JSON."""
-
 
 def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
-    """One file for each trial below a folder."""
+    """One file for each trial below a folder, compressed with zstd."""
     for trial in trials:
-        write_table(folder / f"{trial.name}.parquet", table_of(trial))
+        path = folder / f"{trial.recording.trial_id}.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(table_of(trial), path, compression="zstd")
 
 
 def table_of(trial: TrialPayload) -> Any:
     """A trial as a pyarrow.Table."""
-    channels = channel_names(trial.recording.n_sensors)
-    columns = {TIME_COLUMN: pa.array(trial.t_s)}
-    for name, values in zip(channels, trial.values.T, strict=True):
-        # Null says "no value" in every reader; nan is a float like any other.
-        columns[name] = pa.array(values, from_pandas=True)
-    flags = valid_names(trial.recording.n_sensors)
-    for name, valid in zip(flags, trial.valid.T, strict=True):
-        columns[name] = pa.array(valid)
-
-    # Texts that repeat in every row are stored once, by a dictionary.
-    codes = pa.array(trial.label, mask=trial.label == NO_LABEL)
-    columns["label"] = pa.DictionaryArray.from_arrays(codes, list(SITUATIONS))
+    recording = trial.recording
+    channels = channel_names(recording.n_sensors)
+    names = [TIME_COLUMN, *channels, *valid_names(recording.n_sensors)]
+    cells = [trial.t_s, *trial.values.T, *recording.valid.T]
+    # Null says "no value" in every reader; nan is a float like any other.
+    arrays = [pa.array(one, from_pandas=True) for one in cells]
+    columns = dict(zip(names, arrays, strict=True))
+    # the last one is that of -1
+    texts = np.array([*SITUATIONS, None])
+    columns["label"] = pa.array(texts[trial.label], pa.string())
     for key in ("trial", "person", "object", "action"):
-        text = pa.scalar(trial.about[key], pa.string())
-        columns[key] = pa.repeat(text, len(trial.t_s)).dictionary_encode()
+        text = [trial.about[key]] * len(trial.t_s)
+        columns[key] = pa.array(text, pa.string())
 
-    notes = {name: {"unit": str(trial.recording.unit)} for name in channels}
-    notes |= {TIME_COLUMN: {"unit": "s"}, "label": {"by": trial.about["labels_by"]}}
+    units = {name: {"unit": str(recording.unit)} for name in channels}
+    units[TIME_COLUMN] = {"unit": "s"}
     table = pa.table(columns)
-    fields = [field.with_metadata(notes.get(field.name)) for field in table.schema]
-    about = {KEY: json.dumps(trial.about)}
+    fields = [field.with_metadata(units.get(field.name)) for field in table.schema]
+    about = {"holdfast": json.dumps(trial.about)}
     return table.cast(pa.schema(fields, metadata=about))
 
 
-def write_rows(path: Path, rows: list[Json]) -> None:
-    """A table of objects with the same keys."""
-    write_table(path, pa.Table.from_pylist(rows))
-
-
-def write_columns(path: Path, columns: Columns) -> None:
-    """A table of columns; an array [T, k] becomes a column of lists of k."""
-    arrays = {}
-    for name, values in columns.items():
-        arrays[name] = pa.array(values.reshape(-1))
-        if values.ndim > 1:
-            # A list of fixed length stores no offsets, and readers see its length in the type.
-            lists = pa.FixedSizeListArray
-            arrays[name] = lists.from_arrays(arrays[name], values.shape[1])
-
-    write_table(path, pa.table(arrays))
-
-
-def write_table(path: Path, table: Any) -> None:
-    """Write a pyarrow.Table, compressed with zstd."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pq.write_table(table, path, compression="zstd")
-
-
 def read_log(path: Path, name: str) -> ForeignLog:
-    """Any Parquet file as a log of one table."""
-    columns, about = read_columns(path)
-    return ForeignLog(path, name, (Stream(columns),), about)
-
-
-def read_columns(path: Path) -> tuple[Columns, Json]:
-    """(columns, what `holdfast convert` says of the trial) of a Parquet file.
+    """Any Parquet file, or all files of a folder, as a log of one table.
 
     A column of lists of one length, or of structs, becomes `name.0`, `name.1`, .. or `name.field`;
     a null is nan or "". Raises what pyarrow and json raise.
     """
-    # the path itself may look like a set in pieces (a=1/), which only a folder is
-    table = pq.ParquetFile(path).read()
-    about = json_of((table.schema.metadata or {}).get(KEY.encode(), b"{}"))
+    # without partitioning, a=1 in a path is a name like any other
+    table = pq.read_table(path, partitioning=None)
+    about = json_of((table.schema.metadata or {}).get(b"holdfast", b"{}"))
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     columns: Columns = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        columns |= _cells(name, column)
-    return columns, about
+    for key, column in zip(table.column_names, table.columns, strict=True):
+        columns |= _cells(key, column)
+    return ForeignLog(path, name, (Stream(columns),), about)
 
 
 def _cells(name: str, column: Any) -> Columns:
@@ -116,18 +83,19 @@ def _cells(name: str, column: Any) -> Columns:
         column = column.cast(column.type.value_type)
     elif types.is_timestamp(column.type):
         column = column.cast(pa.timestamp("ns")).cast(pa.int64())
-    elif types.is_boolean(column.type):
-        column = column.cast(pa.int8())
     kind = column.type
     if types.is_string(kind) or types.is_large_string(kind):
         return {name: text_column(column.to_pylist())}
     if types.is_integer(kind) or types.is_floating(kind):
-        # pyarrow makes floats of whole numbers with a null
+        # whole numbers stay whole; those with a null are floats already
         cells = column.to_numpy()
-        return {name: cells.astype(np.int64 if cells.dtype.kind in "iu" else float)}
+        return {name: cells.astype(np.result_type(cells, np.int64))}
     try:
         rows = np.array(column.to_pylist(), dtype=np.float64)
     except (TypeError, ValueError):  # other cells, or lists of several lengths
         return {}
+    if rows.ndim == 1:
+        # true, false, decimals
+        return {name: rows}
     rows = rows.reshape(len(rows), -1)
     return {f"{name}.{k}": cells for k, cells in enumerate(rows.T)}

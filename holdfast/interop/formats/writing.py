@@ -22,17 +22,9 @@ from holdfast.core.table import trial_csv
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
-from holdfast.interop.map import NAMES, ImportMap, map_text, toml_text
+from holdfast.data.metrics import run_starts
+from holdfast.interop.map import ImportMap, map_text, toml_text
 from holdfast.interop.sensors import THUMB
-
-MAP_FILE = "import.toml"
-"""The map, kept with what it made."""
-PROVENANCE = "events"
-"""What a truth file says of where its phases come from."""
-MOST_DECIMALS, FLOAT_DIGITS = 9, 15
-"""Of a number that is written: the thousandth of a unit of any sensor, as exact as float64 is."""
-THESIS_SENSORS = 6
-"""Of a set without a hand card."""
 
 
 def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
@@ -42,10 +34,11 @@ def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
 
 
 def decimals_of(values: FloatArray) -> int:
-    """How many decimals all values need, of the nine that are kept."""
+    """How many decimals all values need, of nine: a thousandth of a unit of any sensor."""
     known = np.nan_to_num(values)
     digits = len(str(int(np.abs(known).max())))
-    most = min(MOST_DECIMALS, FLOAT_DIGITS - digits)
+    # as exact as float64 is
+    most = min(9, 15 - digits)
     exact = known.round(most)
     return next(n for n in range(most + 1) if (known.round(n) == exact).all())
 
@@ -53,13 +46,17 @@ def decimals_of(values: FloatArray) -> int:
 def truth_of(trial: Trial, labels: np.ndarray) -> str:
     """The phases of a trial: runs of equal labels [T], "" for none."""
     ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6).tolist()
-    changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
     phases = []
-    for first, stop in pairwise([0, *changes, len(labels)]):
+    for first, stop in pairwise([*run_starts(labels), len(labels)]):
         if labels[first]:
-            times = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
-            label = {"label": labels[first], "provenance": PROVENANCE}
-            phases.append({**times, **label})
+            phases.append(
+                {
+                    "t0_s": ends_s[first],
+                    "t1_s": ends_s[stop],
+                    "label": labels[first],
+                    "provenance": "events",
+                }
+            )
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
@@ -69,19 +66,18 @@ def write_beside(folder: Path, plan: ImportMap, near: Path, written: Json) -> No
 
     near: a path in whose folder the hand card of the map may be. written: trial -> its log.
     """
-    facts = msgspec.to_builtins(plan.facts)
-    known = {key: value for key, value in facts.items() if key not in NAMES}
-    meta: Json = {"unit": plan.unit_of_values, "kind": "recorded", **known}
-    if plan.masses_g:
-        meta[MASSES_KEY] = plan.masses_g
-    text = json.dumps({**meta, "imported": written}, indent=1) + "\n"
-    write_whole(folder / META, text)
+    facts = plan.facts
+    meta: Json = {"unit": plan.unit_of_values, "kind": facts.kind or "recorded"}
+    if facts.action_at_s:
+        meta["action_at_s"] = facts.action_at_s
+    meta |= {MASSES_KEY: plan.masses_g, "imported": written}
+    write_whole(folder / META, json.dumps(meta, indent=1) + "\n")
     card = hand_card_text(plan, near)
     if card:
         write_whole(folder / HAND_FILE, card)
         plan = msgspec.structs.replace(plan, hand=HAND_FILE)
 
-    write_whole(folder / MAP_FILE, map_text(plan))
+    write_whole(folder / "import.toml", map_text(plan))
 
 
 def thumb_sensors(sensors: Sequence[SensorColumns]) -> int:
@@ -91,7 +87,7 @@ def thumb_sensors(sensors: Sequence[SensorColumns]) -> int:
     fingertips, and where no card has so many.
     """
     n_sensors = len(sensors)
-    if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+    if n_sensors == 6 or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
         return 0
     named = sum(bool(THUMB.search(sensor.x)) for sensor in sensors)
     return named if 0 < named < n_sensors else max(1, n_sensors // 3)
@@ -104,17 +100,24 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     """
     if plan.hand:
         return find_hand_card(plan.hand, near.parent).read_text("utf-8")
-    n_thumb = thumb_sensors(plan.sensors)
-    n_sensors = len(plan.sensors)
+    n_sensors, n_thumb = len(plan.sensors), thumb_sensors(plan.sensors)
     if not n_thumb:
         return ""
     sensors: list[Json] = []
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
-            name = f"sensor-{len(sensors) + 1}"
-            at_mm = round(along_mm, 1)
-            sensors.append({"name": name, "side": side, "along_mm": at_mm})
+            sensors.append(
+                {
+                    "name": f"sensor-{len(sensors) + 1}",
+                    "side": side,
+                    "along_mm": round(along_mm, 1),
+                }
+            )
 
-    about = "Proposed by holdfast import: correct sides and places"
-    name = f"imported-{n_sensors}-sensors"
-    return toml_text({"name": name, "about": about, "sensors": sensors})
+    return toml_text(
+        {
+            "name": f"imported-{n_sensors}-sensors",
+            "about": "Proposed by holdfast import: correct sides and places",
+            "sensors": sensors,
+        }
+    )
