@@ -73,9 +73,8 @@ def begin_of(path: Path) -> tuple[TableLayout, str]:
 def read_log(path: Path, name: str) -> ForeignLog:
     """A file of text as a log of one table. Raises a DataError."""
     layout, encoding = begin_of(path)
-    about = {"rate_hz": layout.rate_hz, "unit": layout.unit}
     with path.open(encoding=encoding, errors="replace") as file:
-        return ForeignLog(path, name, (read_table(file, layout),), about)
+        return ForeignLog(path, name, (read_table(file, layout),), layout.about)
 
 
 def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
@@ -100,14 +99,14 @@ def _made_plain(
     """
     form, n_names = layout.form, len(layout.names)
     is_spaced = form.separator == SPACES
-    writer = csv.writer(plain, delimiter=form.mark)
+    writer = csv.writer(plain, delimiter=form.separator)
     others: list[str] = []
     notes: list[str] = []
     n_rows, n_torn, was_empty = 0, 0, False
     for line in islice(lines, layout.first_row, None):
-        n_cells = len(line.split()) if is_spaced else line.count(form.mark) + 1
-        is_plain = n_cells == n_names and line[0] not in COMMENTS
-        if is_plain and not (form.is_odd or was_empty):
+        n_cells = len(line.split()) if is_spaced else line.count(form.separator) + 1
+        is_plain = layout.is_plain and n_cells == n_names
+        if is_plain and not (was_empty or line[0] in COMMENTS):
             plain.write(line)
             n_rows += 1
             continue
@@ -188,10 +187,10 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
     rows = 0
     chunks = pd.read_csv(
         file,
-        sep=layout.form.separator,
+        sep=r"\s+" if layout.form.separator == SPACES else layout.form.separator,
         decimal=layout.form.decimal,
         header=None,
-        names=list(layout.names),
+        names=layout.names,
         index_col=False,
         chunksize=CHUNK_ROWS,
         skipinitialspace=True,
