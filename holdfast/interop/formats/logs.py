@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.formats.streams import ForeignLog, Stream, counted, first_stream
+from holdfast.interop.formats.streams import ForeignLog, Stream, counted
 from holdfast.interop.formats.tables import begin_of
 from holdfast.interop.joining import united, whole_stamps, without_repeats
 
@@ -34,28 +34,13 @@ LABEL_COLUMNS = 3
 POINTER = b"version https://git-lfs"
 """How a file begins whose content was not fetched."""
 FOREIGN = {
-    "a MATLAB file: save its columns as CSV": (".mat",),
-    "HDF5: save its tables as CSV or Parquet": (".h5", ".hdf5", ".hdf"),
-    "numpy: save it by numpy.savetxt as CSV": (
-        ".npy",
-        ".npz",
-        ".pkl",
-        ".pickle",
-        ".pt",
-    ),
-    "a picture or a film": (
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".bmp",
-        ".tif",
-        ".tiff",
-        ".mp4",
-        ".avi",
-    ),
-    "packed: unpack it": (".zip", ".gz", ".7z", ".tar", ".rar"),
-    "a bag of ROS 1: rosbags-convert makes one of ROS 2": (".bag",),
-    "a recording of a camera system: export it as CSV": (".c3d", ".trc", ".tdms"),
+    "a MATLAB file: save its columns as CSV": ".mat",
+    "HDF5: save its tables as CSV or Parquet": ".h5 .hdf5 .hdf",
+    "numpy: save it by numpy.savetxt as CSV": ".npy .npz .pkl .pickle .pt",
+    "a picture or a film": ".png .jpg .jpeg .bmp .tif .tiff .mp4 .avi",
+    "packed: unpack it": ".zip .gz .7z .tar .rar",
+    "a bag of ROS 1: rosbags-convert makes one of ROS 2": ".bag",
+    "a recording of a camera system: export it as CSV": ".c3d .trc .tdms",
 }
 """What others write and nothing here reads -> endings."""
 
@@ -79,8 +64,9 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     root = source if _kind_of(source) is None else source.parent
 
     # of two with one name a text is that of the labels
-    places = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
-    for place in sorted(places, key=lambda one: counted(one.name)):
+    places = [*_places(source, root)]
+    places.sort(key=lambda one: (counted(one.name), one.kind in PROSE))
+    for place in places:
         wide = _columns_of(place)
         name = place.path.name if place.name in found else place.name
         if not wide and place.path != source:
@@ -96,7 +82,9 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
         seen = next((path for path in source.rglob("*") if path.is_file()), None)
         what = "no log in this folder" if source.exists() else "no such file or folder"
         raise DataNotFound(
-            f"{what}; {seen.name} is {_what_it_is(seen)}" if seen else what,
+            f"{what}; {seen.name} is {_what_it_is(seen) or 'no table'}"
+            if seen
+            else what,
             where=seen or source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
@@ -105,13 +93,14 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
 
 
 def _what_it_is(path: Path) -> str:
-    """What a file is that cannot be read as a log."""
-    with path.open("rb") as file:
-        if file.read(len(POINTER)) == POINTER:
-            return "a Git LFS pointer: git lfs pull fetches its content"
+    """What a file is that nothing here reads; "" where it does not show."""
+    if path.is_file():
+        with path.open("rb") as file:
+            if file.read(len(POINTER)) == POINTER:
+                return "a Git LFS pointer: git lfs pull fetches its content"
     suffix = path.suffix.lower()
-    kinds = (what for what, endings in FOREIGN.items() if suffix in endings)
-    return next(kinds, "no table")
+    kinds = (what for what, ends in FOREIGN.items() if suffix in ends.split())
+    return next(kinds, "")
 
 
 def read_log(place: LogPlace) -> ForeignLog:
@@ -122,8 +111,8 @@ def read_log(place: LogPlace) -> ForeignLog:
     reader = import_module(
         f"holdfast.interop.formats.{MODULES.get(place.kind, 'tables')}"
     )
-    what = _what_it_is(place.path) if place.path.is_file() else "no table"
-    if what != "no table":
+    what = _what_it_is(place.path)
+    if what:
         raise NotANumber(f"{place.path.name} is {what}", where=place.path)
     try:
         log: ForeignLog = reader.read_log(place.path, place.name)
@@ -156,11 +145,11 @@ def _columns_of(place: LogPlace) -> float:
 
     What may be prose must have mostly numbers.
     """
-    if place.kind in MODULES and place.kind != SCALARS:
-        return np.inf
     try:
         if place.kind == SCALARS:
-            return first_stream(read_log(place)).rows
+            read_log(place)
+        if place.kind in MODULES:
+            return np.inf
         layout, _ = begin_of(place.path)
     except DataError:
         return 0

@@ -50,7 +50,7 @@ CHUNK_ROWS = 20_000
 MOST_TORN = 0.2
 """Lines of another number of cells, of all rows, with which a table is none."""
 DAY_NS = 24 * 3600 * 10**9
-NOON = pd.Timedelta(hours=12)
+HALF_DAY = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
 
@@ -64,9 +64,6 @@ def begin_of(path: Path) -> tuple[TableLayout, str]:
     if "\0" in text:
         raise NotANumber("a binary file", next_step="give a text table")
     lines = re.split(r"\r\n?|\n", text)
-    if len(head) == HEAD_BYTES:
-        # the last one may be cut
-        lines.pop()
     return layout_of(tuple(lines[:HEAD_LINES])), encoding
 
 
@@ -140,11 +137,9 @@ def _made_plain(
 
 
 def encoding_of(head: bytes) -> str:
-    """UTF-16 by its mark or its zeros, else UTF-8, else that of Western Europe."""
+    """UTF-16 by its mark, else UTF-8, else that of Western Europe."""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    if b"\0" in head[:2]:
-        return "utf-16-be" if head.startswith(b"\0") else "utf-16-le"
     try:
         # the last character may be cut
         codecs.getincrementaldecoder("utf-8")().decode(head)
@@ -159,22 +154,24 @@ def streams_of(
 ) -> tuple[Stream, ...]:
     """A stream for each topic whose messages are small enough to be columns.
 
-    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
-    number or text.
+    messages: (stamp in ns, message) of each topic.
     """
     streams = []
     for topic, sent in messages.items():
         try:
-            table = pd.DataFrame([flat_fields(message, topic) for _, message in sent])
+            columns = fields_of([message for _, message in sent], topic)
         except ColumnError:
             continue  # an image, or the like
-        columns = {
-            name: _typed(table[name].to_numpy(), name, ".", []) for name in table
-        }
         t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
         streams.append(Stream(columns, t_ns, topic, notes))
 
     return tuple(streams)
+
+
+def fields_of(messages: Sequence[Any], topic: str = "") -> Columns:
+    """A column for each number or text of messages, also of nested ones. Raises ColumnError."""
+    table = pd.DataFrame([flat_fields(message, topic) for message in messages])
+    return {name: _typed(table[name].to_numpy(), name, ".", []) for name in table}
 
 
 def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
@@ -242,7 +239,7 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     cells = pd.Series(column).fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
     if len(filled) and STAMP.fullmatch(filled.iloc[0]):
-        return stamps_of(cells)
+        return _stamps(cells, filled.iloc[0])
     texts = filled.str.replace(",", ".") if decimal == "," else filled
     numbers = pd.to_numeric(texts, errors="coerce")
     words = filled[numbers.isna()]
@@ -256,28 +253,29 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     return np.where(np.isfinite(found), found, np.nan)
 
 
-def stamps_of(cells: pd.Series) -> Column:
-    """[T] dates, or times of day over midnight, as ns; nan where a cell is none."""
-    first = next(cell for cell in cells if cell)
+def _stamps(cells: pd.Series, first: str) -> Column:
+    """[T] dates, or times of day over midnight, as ns; nan where a cell is none.
+
+    first: the first of them, which says how all are written.
+    """
     # some write a comma or a colon before the fraction of a second
     texts = cells.str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
     date = re.match(r"(\d{4}-)|\d+[./-]\d+[./-]\d", first)
-    if date:
-        form = "ISO8601" if date[1] and not first.endswith("M") else "mixed"
-        dates = pd.to_datetime(
-            texts, format=form, dayfirst=not date[1], utc=True, errors="coerce"
-        )
-        spans = dates - EPOCH
-    else:
-        spans = pd.to_timedelta(texts.str.extract(r"([\d:.]+)")[0], errors="coerce")
-        if first.endswith("M"):
-            spans = spans % NOON + NOON * texts.str.endswith("PM").astype(int)
-
+    dates = pd.to_datetime(
+        ("" if date else "1970-01-01 ") + texts.str.rstrip(" APM"),
+        format="mixed" if date and not date[1] else "ISO8601",
+        dayfirst=True,
+        utc=True,
+        errors="coerce",
+    )
+    spans = dates - EPOCH
+    if first.endswith("M"):
+        # 12 PM is noon, and 12 AM midnight
+        is_late = texts.str.endswith("PM").astype(int)
+        spans += HALF_DAY * (is_late - (dates.dt.hour == 12))
     ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
     if spans.isna().any():
         ns = np.where(spans.isna(), np.nan, ns)
-    if date:
-        return ns
     # a step of nearly a day back is midnight
     steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
     return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)
