@@ -96,12 +96,9 @@ class Form:
         line = PAIR.sub("", line) if self.has_names else line
         if mark == SPACES:
             return re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line).split()
-        try:
-            cells = next(csv.reader([line.strip(" \r\n")], delimiter=mark), [])
-        except csv.Error:
-            return []
-
-        cells = [cell.strip() for cell in cells]
+        # a power cut leaves zeros at the end
+        reader = csv.reader([line.strip(" \r\n\0")], delimiter=mark)
+        cells = [cell.strip() for row in reader for cell in row]
         if self.thousands:
             for k, found in enumerate(map(GROUPED.fullmatch, cells)):
                 cells[k] = cells[k].replace(self.thousands, "") if found else cells[k]
@@ -237,7 +234,11 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
 
 def _unique(cells: Cells) -> Cells:
     """Names for columns: an empty cell gets a number, a name that occurs again another."""
-    names = [cell.strip(' "') or f"column{k}" for k, cell in enumerate(cells, 1)]
-    counts = [names[: k + 1].count(name) for k, name in enumerate(names)]
-    pairs = zip(names, counts, strict=True)
-    return [f"{name}.{count}" if count > 1 else name for name, count in pairs]
+    names: Cells = []
+    counts: Counter[str] = Counter()
+    for k, cell in enumerate(cells, 1):
+        name = cell.strip(' "') or f"column{k}"
+        counts[name] += 1
+        names.append(f"{name}.{counts[name]}" if counts[name] > 1 else name)
+
+    return names

@@ -59,41 +59,40 @@ class LogPlace:
 
 def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     """(the logs of a file or folder, by name; what is no log, in words). Raises DataNotFound."""
-    others: list[str] = []
-    found: dict[str, LogPlace] = {}
     root = source if _kind_of(source) is None else source.parent
-
-    # of two with one name a text is that of the labels
+    others: list[str] = []
+    found: list[LogPlace] = []
+    named: dict[str, LogPlace] = {}
     places = [*_places(source, root)]
-    places.sort(key=lambda one: (counted(one.name), one.kind in PROSE))
+    # of two with one name a text is that of the labels
+    places.sort(key=lambda one: (counted(one.name), one.kind in (*PROSE, SCALARS)))
     for place in places:
         wide = _columns_of(place)
-        name = place.path.name if place.name in found else place.name
         if not wide and place.path != source:
             others.append(place.path.name)
-        elif place.kind == SCALARS:
-            found[place.path.as_posix()] = place
-        elif name != place.name and wide > LABEL_COLUMNS:
-            others.append(f"{name} (as {found[place.name].path.name})")
+            continue
+        first = named.setdefault(place.name, place)
+        if first is place or wide <= LABEL_COLUMNS:
+            found.append(place)
         else:
-            found[name] = place
+            others.append(f"{place.path.name} (as {first.path.name})")
 
-    if {place.kind for place in found.values()} <= {SCALARS}:
-        seen = next((path for path in source.rglob("*") if path.is_file()), None)
-        what = "no log in this folder" if source.exists() else "no such file or folder"
+    if all(place.kind == SCALARS for place in found):
+        seen = next((path for path in source.rglob("*") if path.is_file()), source)
+        what = _what_it_is(seen) or "no table"
         raise DataNotFound(
-            f"{what}; {seen.name} is {_what_it_is(seen) or 'no table'}"
-            if seen
-            else what,
-            where=seen or source,
+            f"no log here; {seen.name} is {what}",
+            where=seen,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
-    return [*found.values()], others
+    return found, others
 
 
 def _what_it_is(path: Path) -> str:
-    """What a file is that nothing here reads; "" where it does not show."""
+    """What a path is that nothing here reads; "" where it does not show."""
+    if not path.exists():
+        return "no file or folder"
     if path.is_file():
         with path.open("rb") as file:
             if file.read(len(POINTER)) == POINTER:
@@ -148,6 +147,7 @@ def _columns_of(place: LogPlace) -> float:
     try:
         if place.kind == SCALARS:
             read_log(place)
+            return 1
         if place.kind in MODULES:
             return np.inf
         layout, _ = begin_of(place.path)

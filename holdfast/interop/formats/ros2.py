@@ -34,16 +34,15 @@ HIDDEN = ("sec", "nanosec", "__msgtype__")
 def read_log(folder: Path, name: str) -> ForeignLog:
     """A bag of ROS 2, or its MCAP file, as a log: a stream a topic."""
     messages: dict[str, list[tuple[int, Any]]] = {}
-    units = set()
     store = get_typestore(Stores.ROS2_HUMBLE)
     with AnyReader([folder], default_typestore=store) as bag:
+        kinds = {one.msgtype for one in bag.connections}
+        units = {UNIT_OF_MESSAGE[kind] for kind in kinds & UNIT_OF_MESSAGE.keys()}
         for connection, t_ns, data in bag.messages():
             message = plain_message(bag.deserialize(data, connection.msgtype))
             messages.setdefault(connection.topic, []).append((t_ns, message))
-            units.add(UNIT_OF_MESSAGE.get(connection.msgtype))
 
-    known = units - {None}
-    about = {"unit": known.pop()} if len(known) == 1 else {}
+    about = {"unit": units.pop()} if len(units) == 1 else {}
     return ForeignLog(folder, name, streams_of(messages), about)
 
 

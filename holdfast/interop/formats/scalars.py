@@ -42,6 +42,6 @@ def _tables(value: Any, name: str) -> Iterator[Stream]:
     """Each list of objects in a value, as a table without stamps of its own."""
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _tables(inner, str(key))
+            yield from _tables(inner, key)
     elif isinstance(value, list) and all(isinstance(one, dict) for one in value):
         yield Stream(fields_of(value), name=name)

@@ -119,7 +119,7 @@ def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
 
 def evened(stamps: IntArray, step: float) -> IntArray:
     """Stamps [T] that arrive in bursts, or far from evenly, on a line through each unbroken run."""
-    steps = np.diff(stamps).astype(np.float64)
+    steps = np.diff(stamps)
     is_even = np.mean(np.abs(steps - step) <= 0.5 * step) > 0.9
     if is_even and (steps > 0).all():
         return stamps

@@ -18,13 +18,7 @@ from typing import IO, Any
 import numpy as np
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.errors import (
-    ColumnError,
-    EmptyRecording,
-    NotANumber,
-    count_of,
-    needs_extra,
-)
+from holdfast.core.errors import ColumnError, NotANumber, count_of, needs_extra
 from holdfast.interop.formats.layout import (
     COMMENTS,
     MISSING,
@@ -44,7 +38,7 @@ from holdfast.interop.formats.streams import (
 with needs_extra("train"):
     import pandas as pd
 
-HEAD_BYTES, HEAD_LINES = 256 << 10, 240
+HEAD_BYTES, HEAD_LINES = 128 << 10, 240
 """Of the beginning, from which the layout is found."""
 CHUNK_ROWS = 20_000
 MOST_TORN = 0.2
@@ -75,7 +69,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
 
 
 def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
-    """The table in lines of text. Raises EmptyRecording and ColumnError.
+    """The table in lines of text. Raises ColumnError.
 
     Its rows go through a file, because the cells of a long log as texts would fill the memory.
     """
@@ -95,50 +89,53 @@ def _made_plain(
     with an empty line, where what follows is no row of it.
     """
     form, n_names = layout.form, len(layout.names)
-    is_spaced = form.separator == SPACES
+    mark = None if form.separator == SPACES else form.separator
     writer = csv.writer(plain, delimiter=form.separator)
+    torn: list[str] = []
     others: list[str] = []
     notes: list[str] = []
-    n_rows, n_torn, was_empty = 0, 0, False
+    n_rows, was_empty = 0, False
     for line in islice(lines, layout.first_row, None):
-        n_cells = len(line.split()) if is_spaced else line.count(form.separator) + 1
-        is_plain = layout.is_plain and n_cells == n_names
-        if is_plain and not (was_empty or line[0] in COMMENTS):
+        is_row = layout.is_plain and len(line.split(mark)) == n_names
+        if is_row and not (was_empty or line[0] in COMMENTS):
             plain.write(line)
             n_rows += 1
             continue
         text = line.strip(" \t\r\n\0")
-        cells = form.cells(line) if text else []
-        is_row = len(cells) == n_names
-        if was_empty and text and not (is_row and form.share(cells)):
+        if not text:
+            was_empty = True
+            continue
+        cells = form.cells(line)
+        is_row = len(cells) == n_names and not text.startswith(COMMENTS)
+        if was_empty and not (is_row and form.share(cells)):
             notes = [f"a second block that begins with {text!r:.40} left out"]
             break
-        was_empty = not text
-        if text.startswith(COMMENTS) or (text[:1].isalpha() and not is_row):
-            others.append(text[:40])
-        elif is_row:
+        was_empty = False
+        if is_row:
             writer.writerow(cells)
             n_rows += 1
+        elif text.startswith(COMMENTS) or text[0].isalpha():
+            others.append(text[:40])
         else:
-            n_torn += bool(text)
+            torn.append(text[:40])
 
-    if n_torn > MOST_TORN * n_rows:
+    if len(torn) > MOST_TORN * n_rows:
         raise ColumnError(
-            f"{n_torn} lines have another number of cells than {n_names}",
+            f"{len(torn)} lines have another number of cells than {n_names}",
             cause="a row that goes on in the next line, or several tables in one file",
             next_step="write each row as one line, and each table as a file",
         )
-    if n_torn:
-        notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
-    if others:
-        count = count_of(len(others), "line")
-        notes.append(f"{count} between the rows left out, such as {others[0]!r}")
+    kinds = {"of another number of cells": torn, "between the rows": others}
+    for what, left in kinds.items():
+        if left:
+            count = count_of(len(left), "line")
+            notes.append(f"{count} {what} left out, such as {left[0]!r}")
     return n_rows, notes
 
 
 def encoding_of(head: bytes) -> str:
     """UTF-16 by its mark, else UTF-8, else that of Western Europe."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return "utf-16"
     try:
         # the last character may be cut
@@ -210,7 +207,7 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
 def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    notes: on what was left out before. Raises EmptyRecording.
+    notes: on what was left out before.
     """
     columns: Columns = {}
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
@@ -223,8 +220,6 @@ def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
             continue
         columns[name] = column
 
-    if not there.any():
-        raise EmptyRecording("no row of data", next_step="record it again")
     if not there.all():
         n_lost = count_of(int(np.sum(~there)), "line")
         notes.append(f"{n_lost} without a number left out")
@@ -240,7 +235,7 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     filled = cells[~cells.isin(MISSING)]
     if len(filled) and STAMP.fullmatch(filled.iloc[0]):
         return _stamps(cells, filled.iloc[0])
-    texts = filled.str.replace(",", ".") if decimal == "," else filled
+    texts = filled.str.replace(decimal, ".", regex=False)
     numbers = pd.to_numeric(texts, errors="coerce")
     words = filled[numbers.isna()]
     if not len(filled) or 2 * len(words) > len(filled):
@@ -250,7 +245,7 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     for word, count in words.value_counts().head(3).items():
         notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
-    return np.where(np.isfinite(found), found, np.nan)
+    return found
 
 
 def _stamps(cells: pd.Series, first: str) -> Column:

@@ -7,6 +7,7 @@ jitter is off, because a straight line through all stamps hides lost samples.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,10 @@ def _labels(info: Any, n_channels: int) -> list[str]:
 
     Every level of an XDF header is a list.
     """
-    try:
+    with suppress(KeyError, IndexError, TypeError):
         channels = info["desc"][0]["channels"][0]["channel"]
         labels = [str(channel["label"][0]) for channel in channels]
-    except (KeyError, IndexError, TypeError):
-        labels = []
+        if len(labels) == n_channels:
+            return labels
 
-    return labels if len(labels) == n_channels else [str(k) for k in range(n_channels)]
+    return [*map(str, range(n_channels))]
