@@ -162,10 +162,8 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
     numeric = [name for name, *cells in columns if form.share(cells) >= 0.5]
     # all that stands in a line but its cells
     between = re.compile(rf'[\s"{form.separator}]')
-    is_plain = all(
-        between.sub("", line) == between.sub("", "".join(row))
-        for line, row in zip(data[first:], rows[first:], strict=True)
-    )
+    cells = "".join("".join(row) for row in rows[first:])
+    is_plain = between.sub("", "".join(data[first:])) == between.sub("", cells)
     return TableLayout(form, names, first, is_plain, numeric, _about(lines[:first]))
 
 

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
 from holdfast.interop.formats.streams import ForeignLog, Stream, counted
 from holdfast.interop.formats.tables import begin_of
 from holdfast.interop.joining import united, whole_stamps, without_repeats
 
-PROSE = (".txt", ".dat", ".log", "")
+PROSE = (".txt", ".dat", ".log", ".json", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
 SCALARS = ".json"
 """What one object says of a trial: who held what, and when it fell."""
@@ -63,9 +61,10 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     others: list[str] = []
     found: list[LogPlace] = []
     named: dict[str, LogPlace] = {}
-    places = [*_places(source, root)]
     # of two with one name a text is that of the labels
-    places.sort(key=lambda one: (counted(one.name), one.kind in (*PROSE, SCALARS)))
+    places = sorted(
+        _places(source, root), key=lambda one: (counted(one.name), one.kind in PROSE)
+    )
     for place in places:
         wide = _columns_of(place)
         if not wide and place.path != source:
@@ -139,17 +138,17 @@ def read_log(place: LogPlace) -> ForeignLog:
     return replace(log, streams=tuple(map(united, same.values())))
 
 
-def _columns_of(place: LogPlace) -> float:
+def _columns_of(place: LogPlace) -> int:
     """How many columns a file has that begins like a table, 0 for another one.
 
-    What may be prose must have mostly numbers.
+    What may be prose must have mostly numbers. Of a format of its own: more than labels have.
     """
     try:
         if place.kind == SCALARS:
             read_log(place)
             return 1
         if place.kind in MODULES:
-            return np.inf
+            return LABEL_COLUMNS + 1
         layout, _ = begin_of(place.path)
     except DataError:
         return 0

@@ -36,8 +36,7 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     messages: dict[str, list[tuple[int, Any]]] = {}
     store = get_typestore(Stores.ROS2_HUMBLE)
     with AnyReader([folder], default_typestore=store) as bag:
-        kinds = {one.msgtype for one in bag.connections}
-        units = {UNIT_OF_MESSAGE[kind] for kind in kinds & UNIT_OF_MESSAGE.keys()}
+        units = {UNIT_OF_MESSAGE.get(one.msgtype) for one in bag.connections} - {None}
         for connection, t_ns, data in bag.messages():
             message = plain_message(bag.deserialize(data, connection.msgtype))
             messages.setdefault(connection.topic, []).append((t_ns, message))

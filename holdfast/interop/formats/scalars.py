@@ -34,7 +34,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
             columns[key] = text_column([fact]) if is_text else np.array([fact], float)
     tables = [*_tables(value, "list")]
     if len(columns) > MOST_FACTS or not (columns or tables):
-        raise NotANumber("holds no facts of a trial", where=path)
+        raise NotANumber("holds no facts of a trial")
     return ForeignLog(path, name, (Stream(columns), *tables))
 
 

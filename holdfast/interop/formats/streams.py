@@ -39,7 +39,7 @@ class Stream:
     @property
     def rows(self) -> int:
         """T."""
-        return len(next(iter(self.columns.values()))) if self.columns else 0
+        return max(map(len, self.columns.values()), default=0)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import codecs
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -18,7 +19,7 @@ from typing import IO, Any
 import numpy as np
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.errors import ColumnError, NotANumber, count_of, needs_extra
+from holdfast.core.errors import ColumnError, count_of, needs_extra
 from holdfast.interop.formats.layout import (
     COMMENTS,
     MISSING,
@@ -55,8 +56,6 @@ def begin_of(path: Path) -> tuple[TableLayout, str]:
     encoding = encoding_of(head)
     # a power cut leaves zeros at the end
     text = head.decode(encoding, errors="replace").rstrip("\0")
-    if "\0" in text:
-        raise NotANumber("a binary file", next_step="give a text table")
     lines = re.split(r"\r\n?|\n", text)
     return layout_of(tuple(lines[:HEAD_LINES])), encoding
 
@@ -155,12 +154,12 @@ def streams_of(
     """
     streams = []
     for topic, sent in messages.items():
-        try:
-            columns = fields_of([message for _, message in sent], topic)
-        except ColumnError:
-            continue  # an image, or the like
-        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
-        streams.append(Stream(columns, t_ns, topic, notes))
+        stamps, values = zip(*sent, strict=True)
+        # an image, or the like, is none
+        with suppress(ColumnError):
+            columns = fields_of(values, topic)
+            t_ns = np.array(stamps, dtype=np.int64)
+            streams.append(Stream(columns, t_ns, topic, notes))
 
     return tuple(streams)
 
@@ -168,7 +167,8 @@ def streams_of(
 def fields_of(messages: Sequence[Any], topic: str = "") -> Columns:
     """A column for each number or text of messages, also of nested ones. Raises ColumnError."""
     table = pd.DataFrame([flat_fields(message, topic) for message in messages])
-    return {name: _typed(table[name].to_numpy(), name, ".", []) for name in table}
+    columns = table.items()
+    return {name: _typed(cells.to_numpy(), name, ".", []) for name, cells in columns}
 
 
 def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
@@ -233,12 +233,13 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
         return column if column.dtype.kind in "if" else column.astype(np.float64)
     cells = pd.Series(column).fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
-    if len(filled) and STAMP.fullmatch(filled.iloc[0]):
-        return _stamps(cells, filled.iloc[0])
+    first = next(iter(filled), "")
+    if STAMP.fullmatch(first):
+        return _stamps(cells, first)
     texts = filled.str.replace(decimal, ".", regex=False)
     numbers = pd.to_numeric(texts, errors="coerce")
     words = filled[numbers.isna()]
-    if not len(filled) or 2 * len(words) > len(filled):
+    if 2 * len(words) >= len(filled):
         return cells.to_numpy(object)
     # the names again, where a logger began anew, are no samples
     words = words[~words.isin([name, *name.split()])]

@@ -33,14 +33,15 @@ def read_log(path: Path, name: str) -> ForeignLog:
 def _stream(loaded: Any) -> Stream:
     """A stream of pyxdf as columns."""
     info, rows = loaded["info"], loaded["time_series"]
-    name = str(info["name"][0])
+    name = info["name"][0]
     columns: Columns = {}
     if info["channel_format"][0] == "string":
         columns[name] = text_column([row[0] for row in rows])
     else:
         values = np.asarray(rows, dtype=np.float64)
-        for k, label in enumerate(_labels(info, values.shape[1])):
-            columns[f"{name}.{label}"] = values[:, k]
+        labels = _labels(info, values.shape[1])
+        for label, channel in zip(labels, values.T, strict=True):
+            columns[f"{name}.{label}"] = channel
 
     t_ns = np.round(1e9 * loaded["time_stamps"]).astype(np.int64)
     return Stream(columns, t_ns, name)
