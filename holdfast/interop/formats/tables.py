@@ -54,9 +54,7 @@ def begin_of(path: Path) -> tuple[TableLayout, str]:
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     encoding = encoding_of(head)
-    # a power cut leaves zeros at the end
-    text = head.decode(encoding, errors="replace").rstrip("\0")
-    lines = re.split(r"\r\n?|\n", text)
+    lines = re.split(r"\r\n?|\n", head.decode(encoding, errors="replace"))
     return layout_of(tuple(lines[:HEAD_LINES])), encoding
 
 
@@ -167,8 +165,7 @@ def streams_of(
 def fields_of(messages: Sequence[Any], topic: str = "") -> Columns:
     """A column for each number or text of messages, also of nested ones. Raises ColumnError."""
     table = pd.DataFrame([flat_fields(message, topic) for message in messages])
-    columns = table.items()
-    return {name: _typed(cells.to_numpy(), name, ".", []) for name, cells in columns}
+    return {name: _typed(table[name].to_numpy(), name, ".", []) for name in table}
 
 
 def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
@@ -189,7 +186,7 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
         chunksize=CHUNK_ROWS,
         skipinitialspace=True,
         keep_default_na=False,
-        na_values={name: list(MISSING) for name in layout.numeric},
+        na_values=dict.fromkeys(layout.numeric, MISSING),
     )
     for chunk in chunks:
         for name, series in chunk.items():
