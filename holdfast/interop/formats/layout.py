@@ -200,13 +200,16 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
     The numbers of a vector are force.0, force.1, ..
     """
     data = ARRIVAL.sub(rf"\1\2{form.separator}", data)
-    below = form.cells(VECTOR.sub("[]", data))
+    below = form.cells(VECTOR.sub("[vector]", data))
     names = [""] * len(below)
     filled = [line for line in above if line.strip()]
+    if form.has_names:
+        filled = [form.separator.join(PAIR.findall(data))]
     for line in reversed(filled[-MOST_HEADING_ROWS:]):
         row = form.cells(line.lstrip(f" {''.join(COMMENTS)}"))
         if len(row) == len(below) - 1:
-            # pandas and R write no name above row names; others end their rows by a separator
+            # a time of arrival has no name, and none stands above the row names of pandas and R;
+            # others end their rows by a separator
             row = ["", *row] if below[-1] else [*row, ""]
         if len(row) != len(below):
             break
@@ -217,14 +220,10 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
             last = name or (last if is_group else "")
             names[k] = f"{last} {names[k]}".strip()
 
-    if form.has_names:
-        found = PAIR.findall(data)[: len(below)]
-        # the time of arrival has none
-        names = [""] * (len(below) - len(found)) + found
     vectors = VECTOR.finditer(data)
     wide: Cells = []
     for name, cell in zip(names, below, strict=True):
-        n_cells = len(re.split(GAP, next(vectors)[1])) if cell == "[]" else 1
+        n_cells = len(re.split(GAP, next(vectors)[1])) if cell == "[vector]" else 1
         is_wide = name and n_cells > 1
         wide += [f"{name}.{k}" if is_wide else name for k in range(n_cells)]
     return wide

@@ -130,9 +130,10 @@ def read_log(place: LogPlace) -> ForeignLog:
         ) from None
 
     same: dict[tuple[str, ...], list[Stream]] = {}
-    for stream in filter(lambda one: one.rows, log.streams):
-        plain = without_repeats(whole_stamps(stream))
-        same.setdefault(tuple(plain.columns), []).append(plain)
+    for stream in log.streams:
+        if stream.rows:
+            plain = without_repeats(whole_stamps(stream))
+            same.setdefault(tuple(plain.columns), []).append(plain)
     if not same:
         raise EmptyRecording("no row of data", where=place.path)
     return replace(log, streams=tuple(map(united, same.values())))
