@@ -249,6 +249,15 @@ def test_a_folder_is_read_in_the_order_of_its_numbers_and_names_what_is_no_log(
     assert others == ["readme.txt"]
 
 
+def test_labels_of_the_same_name_in_two_folders_are_both_found(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        write_text(tmp_path / folder / "t1.csv", ["t", "a"], np.ones((3, 2)))
+        (tmp_path / folder / "t1.txt").write_text("0\t1\tgrasp\n1\t2\tslip\n")
+    places, _ = find_logs(tmp_path)
+    found = [place.path.relative_to(tmp_path).as_posix() for place in places]
+    assert found == ["a/t1.csv", "a/t1.txt", "b/t1.csv", "b/t1.txt"]
+
+
 def test_a_terminal_is_asked_and_no_is_no(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

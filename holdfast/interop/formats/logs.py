@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.formats.streams import ForeignLog, Stream, counted, first_stream
+from holdfast.interop.formats.streams import ForeignLog, Stream, counted
 from holdfast.interop.formats.tables import begin_of
 from holdfast.interop.joining import united, whole_stamps, without_repeats
 
-PROSE = (".txt", ".dat", ".log", "")
+PROSE = (".txt", ".dat", ".log", ".json", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
 SCALARS = ".json"
 """What one object says of a trial: who held what, and when it fell."""
@@ -34,28 +32,13 @@ LABEL_COLUMNS = 3
 POINTER = b"version https://git-lfs"
 """How a file begins whose content was not fetched."""
 FOREIGN = {
-    "a MATLAB file: save its columns as CSV": (".mat",),
-    "HDF5: save its tables as CSV or Parquet": (".h5", ".hdf5", ".hdf"),
-    "numpy: save it by numpy.savetxt as CSV": (
-        ".npy",
-        ".npz",
-        ".pkl",
-        ".pickle",
-        ".pt",
-    ),
-    "a picture or a film": (
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".bmp",
-        ".tif",
-        ".tiff",
-        ".mp4",
-        ".avi",
-    ),
-    "packed: unpack it": (".zip", ".gz", ".7z", ".tar", ".rar"),
-    "a bag of ROS 1: rosbags-convert makes one of ROS 2": (".bag",),
-    "a recording of a camera system: export it as CSV": (".c3d", ".trc", ".tdms"),
+    "a MATLAB file: save its columns as CSV": ".mat",
+    "HDF5: save its tables as CSV or Parquet": ".h5 .hdf5 .hdf",
+    "numpy: save it by numpy.savetxt as CSV": ".npy .npz .pkl .pickle .pt",
+    "a picture or a film": ".png .jpg .jpeg .bmp .tif .tiff .mp4 .avi",
+    "packed: unpack it": ".zip .gz .7z .tar .rar",
+    "a bag of ROS 1: rosbags-convert makes one of ROS 2": ".bag",
+    "a recording of a camera system: export it as CSV": ".c3d .trc .tdms",
 }
 """What others write and nothing here reads -> endings."""
 
@@ -74,44 +57,48 @@ class LogPlace:
 
 def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     """(the logs of a file or folder, by name; what is no log, in words). Raises DataNotFound."""
-    others: list[str] = []
-    found: dict[str, LogPlace] = {}
     root = source if _kind_of(source) is None else source.parent
-
+    others: list[str] = []
+    found: list[LogPlace] = []
+    named: dict[str, LogPlace] = {}
     # of two with one name a text is that of the labels
-    places = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
-    for place in sorted(places, key=lambda one: counted(one.name)):
+    places = sorted(
+        _places(source, root), key=lambda one: (counted(one.name), one.kind in PROSE)
+    )
+    for place in places:
         wide = _columns_of(place)
-        name = place.path.name if place.name in found else place.name
         if not wide and place.path != source:
             others.append(place.path.name)
-        elif place.kind == SCALARS:
-            found[place.path.as_posix()] = place
-        elif name != place.name and wide > LABEL_COLUMNS:
-            others.append(f"{name} (as {found[place.name].path.name})")
+            continue
+        first = named.setdefault(place.name, place)
+        if first is place or wide <= LABEL_COLUMNS:
+            found.append(place)
         else:
-            found[name] = place
+            others.append(f"{place.path.name} (as {first.path.name})")
 
-    if {place.kind for place in found.values()} <= {SCALARS}:
-        seen = next((path for path in source.rglob("*") if path.is_file()), None)
-        what = "no log in this folder" if source.exists() else "no such file or folder"
+    if all(place.kind == SCALARS for place in found):
+        seen = next((path for path in source.rglob("*") if path.is_file()), source)
+        what = _what_it_is(seen) or "no table"
         raise DataNotFound(
-            f"{what}; {seen.name} is {_what_it_is(seen)}" if seen else what,
-            where=seen or source,
+            f"no log here; {seen.name} is {what}",
+            where=seen,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
-    return [*found.values()], others
+    return found, others
 
 
 def _what_it_is(path: Path) -> str:
-    """What a file is that cannot be read as a log."""
-    with path.open("rb") as file:
-        if file.read(len(POINTER)) == POINTER:
-            return "a Git LFS pointer: git lfs pull fetches its content"
+    """What a path is that nothing here reads; "" where it does not show."""
+    if not path.exists():
+        return "no file or folder"
+    if path.is_file():
+        with path.open("rb") as file:
+            if file.read(len(POINTER)) == POINTER:
+                return "a Git LFS pointer: git lfs pull fetches its content"
     suffix = path.suffix.lower()
-    kinds = (what for what, endings in FOREIGN.items() if suffix in endings)
-    return next(kinds, "no table")
+    kinds = (what for what, ends in FOREIGN.items() if suffix in ends.split())
+    return next(kinds, "")
 
 
 def read_log(place: LogPlace) -> ForeignLog:
@@ -122,8 +109,8 @@ def read_log(place: LogPlace) -> ForeignLog:
     reader = import_module(
         f"holdfast.interop.formats.{MODULES.get(place.kind, 'tables')}"
     )
-    what = _what_it_is(place.path) if place.path.is_file() else "no table"
-    if what != "no table":
+    what = _what_it_is(place.path)
+    if what:
         raise NotANumber(f"{place.path.name} is {what}", where=place.path)
     try:
         log: ForeignLog = reader.read_log(place.path, place.name)
@@ -143,24 +130,26 @@ def read_log(place: LogPlace) -> ForeignLog:
         ) from None
 
     same: dict[tuple[str, ...], list[Stream]] = {}
-    for stream in filter(lambda one: one.rows, log.streams):
-        plain = without_repeats(whole_stamps(stream))
-        same.setdefault(tuple(plain.columns), []).append(plain)
+    for stream in log.streams:
+        if stream.rows:
+            plain = without_repeats(whole_stamps(stream))
+            same.setdefault(tuple(plain.columns), []).append(plain)
     if not same:
         raise EmptyRecording("no row of data", where=place.path)
     return replace(log, streams=tuple(map(united, same.values())))
 
 
-def _columns_of(place: LogPlace) -> float:
+def _columns_of(place: LogPlace) -> int:
     """How many columns a file has that begins like a table, 0 for another one.
 
-    What may be prose must have mostly numbers.
+    What may be prose must have mostly numbers. Of a format of its own: more than labels have.
     """
-    if place.kind in MODULES and place.kind != SCALARS:
-        return np.inf
     try:
         if place.kind == SCALARS:
-            return first_stream(read_log(place)).rows
+            read_log(place)
+            return 1
+        if place.kind in MODULES:
+            return LABEL_COLUMNS + 1
         layout, _ = begin_of(place.path)
     except DataError:
         return 0

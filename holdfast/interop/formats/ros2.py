@@ -5,7 +5,6 @@ This module alone imports rosbags.
 
 from __future__ import annotations
 
-from dataclasses import fields as fields_of
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
@@ -28,32 +27,31 @@ UNIT_OF_MESSAGE = {
 """What the standard messages of a finger are in (REP 103)."""
 MOST_LIST = 256
 """Numbers of a list that become columns; an image or a point cloud has more, and is left out."""
+HIDDEN = ("sec", "nanosec", "__msgtype__")
+"""Fields of a message that are no columns: the recorder's stamps are the time."""
 
 
 def read_log(folder: Path, name: str) -> ForeignLog:
     """A bag of ROS 2, or its MCAP file, as a log: a stream a topic."""
     messages: dict[str, list[tuple[int, Any]]] = {}
-    units = set()
     store = get_typestore(Stores.ROS2_HUMBLE)
     with AnyReader([folder], default_typestore=store) as bag:
+        units = {UNIT_OF_MESSAGE.get(one.msgtype) for one in bag.connections} - {None}
         for connection, t_ns, data in bag.messages():
             message = plain_message(bag.deserialize(data, connection.msgtype))
             messages.setdefault(connection.topic, []).append((t_ns, message))
-            units.add(UNIT_OF_MESSAGE.get(connection.msgtype))
 
-    known = units - {None}
-    about = {"unit": known.pop()} if len(known) == 1 else {}
+    about = {"unit": units.pop()} if len(units) == 1 else {}
     return ForeignLog(folder, name, streams_of(messages), about)
 
 
 def plain_message(message: Any) -> Any:
     """A message as dictionaries, lists, numbers and texts, without its times and its pictures."""
     if is_dataclass(message):
-        names = [one.name for one in fields_of(message) if one.name != "__msgtype__"]
-        value = {key: plain_message(getattr(message, key)) for key in names}
-        return None if value.keys() == {"sec", "nanosec"} else value
+        fields = vars(message).items()
+        return {key: plain_message(one) for key, one in fields if key not in HIDDEN}
     if isinstance(message, np.ndarray):
         return message.tolist() if message.size <= MOST_LIST else None
     if isinstance(message, list):
-        return [plain_message(one) for one in message[: MOST_LIST + 1]]
+        return [plain_message(one) for one in message]
     return message

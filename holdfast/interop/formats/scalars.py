@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,12 @@ from holdfast.core.column_map import flat_fields
 from holdfast.core.errors import NotANumber
 from holdfast.core.schema import json_of, text_of
 from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, text_column
-from holdfast.interop.formats.tables import streams_of
+from holdfast.interop.formats.tables import fields_of
 
 MOST_FACTS = 60
 """An object with more is no description of a trial."""
-OF_A_LIST = re.compile(r"(^|\.)\d+(\.|$)")
-"""In the name of a leaf that stands in a list."""
+OF_A_LIST = re.compile(r"^$|(^|\.)\d+(\.|$)")
+"""In the name of a leaf that stands in a list; a number alone has no name."""
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
@@ -28,17 +27,14 @@ def read_log(path: Path, name: str) -> ForeignLog:
     Facts are numbers and texts; null is nan. Raises NotANumber for other JSON.
     """
     value = json_of(text_of(path))
-    leaves = flat_fields(value)
     columns: Columns = {}
-    for key, fact in leaves.items():
-        if not key or OF_A_LIST.search(key):
-            continue
-        is_text = isinstance(fact, str | bool)
-        number = np.nan if fact is None else fact
-        columns[key] = text_column([fact]) if is_text else np.array([number], float)
+    for key, fact in flat_fields(value).items():
+        if not OF_A_LIST.search(key):
+            is_text = isinstance(fact, str | bool)
+            columns[key] = text_column([fact]) if is_text else np.array([fact], float)
     tables = [*_tables(value, "list")]
     if len(columns) > MOST_FACTS or not (columns or tables):
-        raise NotANumber("holds no facts of a trial", where=path)
+        raise NotANumber("holds no facts of a trial")
     return ForeignLog(path, name, (Stream(columns), *tables))
 
 
@@ -46,7 +42,6 @@ def _tables(value: Any, name: str) -> Iterator[Stream]:
     """Each list of objects in a value, as a table without stamps of its own."""
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _tables(inner, str(key))
+            yield from _tables(inner, key)
     elif isinstance(value, list) and all(isinstance(one, dict) for one in value):
-        for table in streams_of({"": [(0, one) for one in value]}):
-            yield replace(table, t_ns=None, name=name)
+        yield Stream(fields_of(value), name=name)

@@ -39,7 +39,7 @@ class Stream:
     @property
     def rows(self) -> int:
         """T."""
-        return len(next(iter(self.columns.values()))) if self.columns else 0
+        return max(map(len, self.columns.values()), default=0)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class ForeignLog:
     @property
     def keys(self) -> set[str]:
         """How a table of events may name it, in small letters; its last number too."""
-        names = [self.name, self.path.name, self.path.stem, Path(self.name).name]
+        names = [self.name, self.path.name, Path(self.name).name]
         numbers = re.findall(r"\d+", self.name)[-1:]
         return {*map(str.casefold, names), *map(str, map(int, numbers))}
 
@@ -108,20 +108,18 @@ def counted(name: str) -> list[Any]:
 
 def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
     """Stamps of a counter of 8, 16 or 32 bits that began anew, on one line."""
-    steps = np.diff(stamps)
+    back = -np.diff(stamps).min(initial=0)
     for bits in (8, 16, 32):
         period = int(unit_ns * 2.0**bits)
-        back = steps < -0.9 * period
-        if back.any() and (steps[back] > -1.01 * period).all():
-            anew = np.unwrap(stamps, discont=0.9 * period, period=period)
-            return anew.astype(np.int64)
+        if 0.9 * period < back < 1.01 * period:
+            return np.unwrap(stamps, discont=0.9 * period, period=period).astype(int)
 
     return stamps
 
 
 def evened(stamps: IntArray, step: float) -> IntArray:
     """Stamps [T] that arrive in bursts, or far from evenly, on a line through each unbroken run."""
-    steps = np.diff(stamps).astype(np.float64)
+    steps = np.diff(stamps)
     is_even = np.mean(np.abs(steps - step) <= 0.5 * step) > 0.9
     if is_even and (steps > 0).all():
         return stamps

@@ -10,6 +10,7 @@ import codecs
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -18,13 +19,7 @@ from typing import IO, Any
 import numpy as np
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.errors import (
-    ColumnError,
-    EmptyRecording,
-    NotANumber,
-    count_of,
-    needs_extra,
-)
+from holdfast.core.errors import ColumnError, count_of, needs_extra
 from holdfast.interop.formats.layout import (
     COMMENTS,
     MISSING,
@@ -44,13 +39,13 @@ from holdfast.interop.formats.streams import (
 with needs_extra("train"):
     import pandas as pd
 
-HEAD_BYTES, HEAD_LINES = 256 << 10, 240
+HEAD_BYTES, HEAD_LINES = 128 << 10, 240
 """Of the beginning, from which the layout is found."""
 CHUNK_ROWS = 20_000
 MOST_TORN = 0.2
 """Lines of another number of cells, of all rows, with which a table is none."""
 DAY_NS = 24 * 3600 * 10**9
-NOON = pd.Timedelta(hours=12)
+HALF_DAY = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
 
@@ -59,27 +54,19 @@ def begin_of(path: Path) -> tuple[TableLayout, str]:
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     encoding = encoding_of(head)
-    # a power cut leaves zeros at the end
-    text = head.decode(encoding, errors="replace").rstrip("\0")
-    if "\0" in text:
-        raise NotANumber("a binary file", next_step="give a text table")
-    lines = re.split(r"\r\n?|\n", text)
-    if len(head) == HEAD_BYTES:
-        # the last one may be cut
-        lines.pop()
+    lines = re.split(r"\r\n?|\n", head.decode(encoding, errors="replace"))
     return layout_of(tuple(lines[:HEAD_LINES])), encoding
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
     """A file of text as a log of one table. Raises a DataError."""
     layout, encoding = begin_of(path)
-    about = {"rate_hz": layout.rate_hz, "unit": layout.unit}
     with path.open(encoding=encoding, errors="replace") as file:
-        return ForeignLog(path, name, (read_table(file, layout),), about)
+        return ForeignLog(path, name, (read_table(file, layout),), layout.about)
 
 
 def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
-    """The table in lines of text. Raises EmptyRecording and ColumnError.
+    """The table in lines of text. Raises ColumnError.
 
     Its rows go through a file, because the cells of a long log as texts would fill the memory.
     """
@@ -99,53 +86,54 @@ def _made_plain(
     with an empty line, where what follows is no row of it.
     """
     form, n_names = layout.form, len(layout.names)
-    is_spaced = form.separator == SPACES
-    writer = csv.writer(plain, delimiter=form.mark)
+    mark = None if form.separator == SPACES else form.separator
+    writer = csv.writer(plain, delimiter=form.separator)
+    torn: list[str] = []
     others: list[str] = []
     notes: list[str] = []
-    n_rows, n_torn, was_empty = 0, 0, False
+    n_rows, was_empty = 0, False
     for line in islice(lines, layout.first_row, None):
-        n_cells = len(line.split()) if is_spaced else line.count(form.mark) + 1
-        is_plain = n_cells == n_names and line[0] not in COMMENTS
-        if is_plain and not (form.is_odd or was_empty):
+        is_row = layout.is_plain and len(line.split(mark)) == n_names
+        if is_row and not (was_empty or line[0] in COMMENTS):
             plain.write(line)
             n_rows += 1
             continue
         text = line.strip(" \t\r\n\0")
-        cells = form.cells(line) if text else []
-        is_row = len(cells) == n_names
-        if was_empty and text and not (is_row and form.share(cells)):
+        if not text:
+            was_empty = True
+            continue
+        cells = form.cells(line)
+        is_row = len(cells) == n_names and not text.startswith(COMMENTS)
+        if was_empty and not (is_row and form.share(cells)):
             notes = [f"a second block that begins with {text!r:.40} left out"]
             break
-        was_empty = not text
-        if text.startswith(COMMENTS) or (text[:1].isalpha() and not is_row):
-            others.append(text[:40])
-        elif is_row:
+        was_empty = False
+        if is_row:
             writer.writerow(cells)
             n_rows += 1
+        elif text.startswith(COMMENTS) or text[0].isalpha():
+            others.append(text[:40])
         else:
-            n_torn += bool(text)
+            torn.append(text[:40])
 
-    if n_torn > MOST_TORN * n_rows:
+    if len(torn) > MOST_TORN * n_rows:
         raise ColumnError(
-            f"{n_torn} lines have another number of cells than {n_names}",
+            f"{len(torn)} lines have another number of cells than {n_names}",
             cause="a row that goes on in the next line, or several tables in one file",
             next_step="write each row as one line, and each table as a file",
         )
-    if n_torn:
-        notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
-    if others:
-        count = count_of(len(others), "line")
-        notes.append(f"{count} between the rows left out, such as {others[0]!r}")
+    kinds = {"of another number of cells": torn, "between the rows": others}
+    for what, left in kinds.items():
+        if left:
+            count = count_of(len(left), "line")
+            notes.append(f"{count} {what} left out, such as {left[0]!r}")
     return n_rows, notes
 
 
 def encoding_of(head: bytes) -> str:
-    """UTF-16 by its mark or its zeros, else UTF-8, else that of Western Europe."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    """UTF-16 by its mark, else UTF-8, else that of Western Europe."""
+    if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return "utf-16"
-    if b"\0" in head[:2]:
-        return "utf-16-be" if head.startswith(b"\0") else "utf-16-le"
     try:
         # the last character may be cut
         codecs.getincrementaldecoder("utf-8")().decode(head)
@@ -160,22 +148,24 @@ def streams_of(
 ) -> tuple[Stream, ...]:
     """A stream for each topic whose messages are small enough to be columns.
 
-    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
-    number or text.
+    messages: (stamp in ns, message) of each topic.
     """
     streams = []
     for topic, sent in messages.items():
-        try:
-            table = pd.DataFrame([flat_fields(message, topic) for _, message in sent])
-        except ColumnError:
-            continue  # an image, or the like
-        columns = {
-            name: _typed(table[name].to_numpy(), name, ".", []) for name in table
-        }
-        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
-        streams.append(Stream(columns, t_ns, topic, notes))
+        stamps, values = zip(*sent, strict=True)
+        # an image, or the like, is none
+        with suppress(ColumnError):
+            columns = fields_of(values, topic)
+            t_ns = np.array(stamps, dtype=np.int64)
+            streams.append(Stream(columns, t_ns, topic, notes))
 
     return tuple(streams)
+
+
+def fields_of(messages: Sequence[Any], topic: str = "") -> Columns:
+    """A column for each number or text of messages, also of nested ones. Raises ColumnError."""
+    table = pd.DataFrame([flat_fields(message, topic) for message in messages])
+    return {name: _typed(table[name].to_numpy(), name, ".", []) for name in table}
 
 
 def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
@@ -188,15 +178,15 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
     rows = 0
     chunks = pd.read_csv(
         file,
-        sep=layout.form.separator,
+        sep=r"\s+" if layout.form.separator == SPACES else layout.form.separator,
         decimal=layout.form.decimal,
         header=None,
-        names=list(layout.names),
+        names=layout.names,
         index_col=False,
         chunksize=CHUNK_ROWS,
         skipinitialspace=True,
         keep_default_na=False,
-        na_values={name: list(MISSING) for name in layout.numeric},
+        na_values=dict.fromkeys(layout.numeric, MISSING),
     )
     for chunk in chunks:
         for name, series in chunk.items():
@@ -214,7 +204,7 @@ def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
 def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    notes: on what was left out before. Raises EmptyRecording.
+    notes: on what was left out before.
     """
     columns: Columns = {}
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
@@ -227,8 +217,6 @@ def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
             continue
         columns[name] = column
 
-    if not there.any():
-        raise EmptyRecording("no row of data", next_step="record it again")
     if not there.all():
         n_lost = count_of(int(np.sum(~there)), "line")
         notes.append(f"{n_lost} without a number left out")
@@ -242,43 +230,45 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
         return column if column.dtype.kind in "if" else column.astype(np.float64)
     cells = pd.Series(column).fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
-    if len(filled) and STAMP.fullmatch(filled.iloc[0]):
-        return stamps_of(cells)
-    texts = filled.str.replace(",", ".") if decimal == "," else filled
+    first = next(iter(filled), "")
+    if STAMP.fullmatch(first):
+        return _stamps(cells, first)
+    texts = filled.str.replace(decimal, ".", regex=False)
     numbers = pd.to_numeric(texts, errors="coerce")
     words = filled[numbers.isna()]
-    if not len(filled) or 2 * len(words) > len(filled):
+    if 2 * len(words) >= len(filled):
         return cells.to_numpy(object)
     # the names again, where a logger began anew, are no samples
     words = words[~words.isin([name, *name.split()])]
     for word, count in words.value_counts().head(3).items():
         notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
-    return np.where(np.isfinite(found), found, np.nan)
+    return found
 
 
-def stamps_of(cells: pd.Series) -> Column:
-    """[T] dates, or times of day over midnight, as ns; nan where a cell is none."""
-    first = next(cell for cell in cells if cell)
+def _stamps(cells: pd.Series, first: str) -> Column:
+    """[T] dates, or times of day over midnight, as ns; nan where a cell is none.
+
+    first: the first of them, which says how all are written.
+    """
     # some write a comma or a colon before the fraction of a second
     texts = cells.str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
     date = re.match(r"(\d{4}-)|\d+[./-]\d+[./-]\d", first)
-    if date:
-        form = "ISO8601" if date[1] and not first.endswith("M") else "mixed"
-        dates = pd.to_datetime(
-            texts, format=form, dayfirst=not date[1], utc=True, errors="coerce"
-        )
-        spans = dates - EPOCH
-    else:
-        spans = pd.to_timedelta(texts.str.extract(r"([\d:.]+)")[0], errors="coerce")
-        if first.endswith("M"):
-            spans = spans % NOON + NOON * texts.str.endswith("PM").astype(int)
-
+    dates = pd.to_datetime(
+        ("" if date else "1970-01-01 ") + texts.str.rstrip(" APM"),
+        format="mixed" if date and not date[1] else "ISO8601",
+        dayfirst=True,
+        utc=True,
+        errors="coerce",
+    )
+    spans = dates - EPOCH
+    if first.endswith("M"):
+        # 12 PM is noon, and 12 AM midnight
+        is_late = texts.str.endswith("PM").astype(int)
+        spans += HALF_DAY * (is_late - (dates.dt.hour == 12))
     ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
     if spans.isna().any():
         ns = np.where(spans.isna(), np.nan, ns)
-    if date:
-        return ns
     # a step of nearly a day back is midnight
     steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
     return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)

@@ -10,9 +10,7 @@ import re
 import warnings
 from contextlib import suppress
 from dataclasses import replace
-from datetime import date, time
 from pathlib import Path
-from typing import Any
 
 from holdfast.core.errors import DataError, needs_extra
 from holdfast.interop.formats.layout import layout_of
@@ -20,7 +18,7 @@ from holdfast.interop.formats.streams import ForeignLog
 from holdfast.interop.formats.tables import HEAD_LINES, pd, read_table
 
 with needs_extra("xlsx"):
-    import openpyxl
+    import openpyxl  # noqa: F401 (pandas reads by it)
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
@@ -29,26 +27,18 @@ def read_log(path: Path, name: str) -> ForeignLog:
     with warnings.catch_warnings():
         # of styles and the like, which no table needs
         warnings.simplefilter("ignore")
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        for sheet in book.worksheets:
-            cells = pd.DataFrame(sheet.values, dtype=object).map(_plain)
-            text = cells.dropna(axis=1, how="all").to_csv(
-                sep=";", header=False, index=False
-            )
-            # an empty row is an empty line
-            lines = re.sub("(?m)^;+$", "", text).splitlines(keepends=True)
-            # a sheet of notes is no table
-            with suppress(DataError):
-                table = read_table(lines, layout_of(tuple(lines[:HEAD_LINES])))
-                streams.append(replace(table, name=sheet.title))
-
-        book.close()
+        sheets = pd.read_excel(
+            path, sheet_name=None, header=None, dtype=object, na_filter=False
+        )
+    for title, cells in sheets.items():
+        # a text may have several lines
+        plain = cells.replace(r"\s+", " ", regex=True)
+        text = plain.to_csv(sep=";", header=False, index=False)
+        # an empty row is an empty line
+        lines = re.sub("(?m)^[; ]+$", "", text).splitlines(keepends=True)
+        # a sheet of notes is no table
+        with suppress(DataError):
+            table = read_table(lines, layout_of(tuple(lines[:HEAD_LINES])))
+            streams.append(replace(table, name=title))
 
     return ForeignLog(path, name, tuple(streams))
-
-
-def _plain(cell: Any) -> Any:
-    """A date or a time of day as a text, a text on one line, an empty one as nothing."""
-    if isinstance(cell, date | time):
-        return cell.isoformat()
-    return " ".join(cell.split()) or None if isinstance(cell, str) else cell

@@ -7,7 +7,7 @@ jitter is off, because a straight line through all stamps hides lost samples.
 
 from __future__ import annotations
 
-import gzip
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
 
     A stream of markers has one column of texts.
     """
-    opened = gzip.open if path.suffix == ".xdfz" else open
-    with opened(path, "rb") as file:
-        loaded = pyxdf.load_xdf(file, dejitter_timestamps=False)[0]
-
+    loaded = pyxdf.load_xdf(path, dejitter_timestamps=False)[0]
     streams = [_stream(one) for one in loaded if len(one["time_stamps"])]
     return ForeignLog(path, name, tuple(streams))
 
@@ -36,17 +33,18 @@ def read_log(path: Path, name: str) -> ForeignLog:
 def _stream(loaded: Any) -> Stream:
     """A stream of pyxdf as columns."""
     info, rows = loaded["info"], loaded["time_series"]
-    name = str(info["name"][0])
-    t_s = np.asarray(loaded["time_stamps"], dtype=np.float64)
+    name = info["name"][0]
     columns: Columns = {}
     if info["channel_format"][0] == "string":
-        columns[name] = text_column([row[0] if len(row) else "" for row in rows])
+        columns[name] = text_column([row[0] for row in rows])
     else:
         values = np.asarray(rows, dtype=np.float64)
-        for k, label in enumerate(_labels(info, values.shape[1])):
-            columns[f"{name}.{label}"] = values[:, k]
+        labels = _labels(info, values.shape[1])
+        for label, channel in zip(labels, values.T, strict=True):
+            columns[f"{name}.{label}"] = channel
 
-    return Stream(columns, np.round(t_s * 1e9).astype(np.int64), name)
+    t_ns = np.round(1e9 * loaded["time_stamps"]).astype(np.int64)
+    return Stream(columns, t_ns, name)
 
 
 def _labels(info: Any, n_channels: int) -> list[str]:
@@ -54,10 +52,10 @@ def _labels(info: Any, n_channels: int) -> list[str]:
 
     Every level of an XDF header is a list.
     """
-    try:
+    with suppress(KeyError, IndexError, TypeError):
         channels = info["desc"][0]["channels"][0]["channel"]
         labels = [str(channel["label"][0]) for channel in channels]
-    except (KeyError, IndexError, TypeError):
-        labels = []
+        if len(labels) == n_channels:
+            return labels
 
-    return labels if len(labels) == n_channels else [str(k) for k in range(n_channels)]
+    return [*map(str, range(n_channels))]
