@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.errors import TimeError
+from holdfast.core.errors import DataNotFound, TimeError, listed
 from holdfast.interop.columns import find_time
 from holdfast.interop.formats.logs import SCALARS, LogPlace, read_log
 from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, first_stream
@@ -26,17 +26,29 @@ WORD = r"[/_ .-]+"
 def files_of(
     logs: Sequence[LogPlace], beside: Sequence[LogPlace], fingers: Sequence[str]
 ) -> Files:
-    """The files of each log, of a file for each finger in the order of `fingers`."""
+    """The files of each log, of a file for each finger in the order of `fingers`.
+
+    Raises DataNotFound where a finger has no file, or a file no finger.
+    """
     files: Files = {}
     for place in () if fingers else logs:
         files.setdefault(place.name, [place])
-    for word in fingers:
-        # the whole word, and the signs around it
-        token = re.compile(rf"(^|{WORD}){re.escape(word)}($|{WORD})")
-        for place in logs:
-            if token.search(place.name):
-                name = token.sub("_", place.name).strip("_") or "log"
-                files.setdefault(name, []).append(place)
+    joined = [
+        place for word in fingers for place in logs if _whole(word).search(place.name)
+    ]
+    for place in joined:
+        words = [word for word in fingers if _whole(word).search(place.name)]
+        name = _whole(words[0]).sub("_", place.name).strip("_") or "log"
+        files.setdefault(name, []).append(place)
+    left = [place.name for place in logs if fingers and place not in joined]
+    left += [
+        name for name, group in files.items() if len(group) != max(1, len(fingers))
+    ]
+    if left:
+        raise DataNotFound(
+            f"{left[0]} has not one file for each of {listed(fingers)}",
+            next_step="--fingers with the words of its files; or move it out of the folder",
+        )
     logs_found = [*files]
     for is_fact in (False, True):
         tables = {one.name: one for one in beside if (one.kind == SCALARS) == is_fact}
@@ -45,19 +57,36 @@ def files_of(
     return files
 
 
+def _whole(word: str) -> re.Pattern[str]:
+    """A whole word of a path, and the signs around it."""
+    is_number = word[-1:].isdigit()
+    behind = r"(?!\d)" if is_number else r"(?![^\W\d_])"
+    return re.compile(rf"({WORD}|^|(?<=\d)){re.escape(word)}{behind}({WORD})?")
+
+
 def read_joined(
     places: Sequence[LogPlace], fingers: Sequence[str], name: str
 ) -> ForeignLog:
     """A log of its files: with several fingers its columns are `finger.column`.
 
     A table beside it is a stream that is named as its files are, with * for the name of a log; a
-    fact is a column, too. Raises TimeError for a finger without a time.
+    fact is a column, too. Raises TimeError for a finger without a time, or of another time.
     """
     n_files = max(1, len(fingers))
     log = replace(read_log(places[0]), name=name)
     if fingers:
         parts = zip(fingers, places[:n_files], strict=True)
-        log = replace(log, streams=tuple(_of_finger(*one) for one in parts))
+        streams = tuple(_of_finger(*one) for one in parts)
+        # but for a few rows, whose stamps may be torn
+        spans = [np.quantile(one.t_ns, (0.1, 0.9)) for one in streams]  # type: ignore[arg-type]
+        begins, ends = np.transpose(spans)
+        if max(begins) >= min(ends):
+            raise TimeError(
+                f"{listed(fingers)} of {name} were not recorded at the same time",
+                where=places[0].path,
+                next_step="stamps of one clock; or a folder for each, and import it on its own",
+            )
+        log = replace(log, streams=streams)
     readings, facts, tables = first_stream(log), Columns(), [*log.streams]
     tables.remove(readings)
     for place in places[n_files:]:

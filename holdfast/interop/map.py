@@ -1,7 +1,8 @@
 """The column map of an import: the tables that say how logs become trials.
 
 [trials]
-path = "{person}/{object}_{action}_{trial}"   # what the paths of the logs say; * is any text
+path = "{person}/{object}_{action}_{trial} | nothing_*"   # what the paths of the logs say: * is
+                                  # any text; of several patterns the first that fits
 fingers = ["thumb", "index"]     # words of the files of one trial, a file for each finger
 column = "run"                   # a trial for each of its values
 person = "subject"               # columns that hold names; also object, action
@@ -55,10 +56,12 @@ _TRIALS = (
     "exp|scan"
 )
 PERSON = re.compile(rf"(?i)({_PEOPLE})[-_ ]?\d+")
-NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+")
+NUMBERS = "one|two|three|four|five|six|seven|eight|nine|ten"
+NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+|({_TRIALS})[-_ ]?({NUMBERS})")
 """Words of paths that number people and trials."""
 TOGETHER = (
-    rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|no[-_ ]slip|hand[-_ ]over|put[-_ ]down)"
+    rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|(?:{_TRIALS})[-_ ](?:{NUMBERS})"
+    r"|(?:no|not|with|without)[-_ ]slip|hand[-_ ]over|put[-_ ]down)"
 )
 """What is one word of a path although a sign of a gap stands in it."""
 Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
@@ -85,24 +88,29 @@ class TrialRules(Table, frozen=True):
         """What the path of a log says by the pattern. Raises LabelError."""
         if not self.path:
             return {}
-        forms = dict.fromkeys(NAMES, f"{TOGETHER}|[^/]+?")
-        forms["trial"] = NUMBERED.pattern.removeprefix("(?i)") + "[a-z]?"
-        if "-" in self.path:
-            # soft-ball-slip is a soft-ball
-            forms["action"] = f"{TOGETHER}|[^/_ .-]+"
-        pattern = re.escape(self.path).replace(r"\*", "[^/]*")
-        for key, form in forms.items():
-            group = f"(?P<{key}>(?i:{form}))"
-            pattern = pattern.replace(rf"\{{{key}\}}", group, 1)
-        match = re.fullmatch(pattern, name)
-        if match is None:
-            raise LabelError(
-                f"{name} is not {self.path} (trials.path)",
-                where=where,
-                next_step="correct it: {person}, {object}, {action} and {trial}, each once",
-            )
+        for pattern in self.path.split(" | "):
+            match = re.fullmatch(_regex(pattern), name)
+            if match is not None:
+                return match.groupdict()
+        raise LabelError(
+            f"{name} is not {self.path} (trials.path)",
+            where=where,
+            next_step="correct it: {person}, {object}, {action} and {trial}, each once",
+        )
 
-        return match.groupdict()
+
+def _regex(pattern: str) -> str:
+    """A pattern of paths as a regular expression."""
+    forms = dict.fromkeys(NAMES, f"{TOGETHER}|[^/]+?")
+    forms["trial"] = f"(?:{NUMBERED.pattern.removeprefix('(?i)')})[a-z]?"
+    if "-" in pattern:
+        # soft-ball-slip is a soft-ball
+        forms["action"] = f"{TOGETHER}|[^/_ .-]+"
+    regex = re.escape(pattern).replace(r"\*", "[^/]*")
+    for key, form in forms.items():
+        group = f"(?P<{key}>(?i:{form}))"
+        regex = regex.replace(rf"\{{{key}\}}", group, 1)
+    return regex
 
 
 class Facts(Table, frozen=True):

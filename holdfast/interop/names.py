@@ -17,7 +17,8 @@ from holdfast.interop.map import NAMES, NUMBERED, PERSON, TOGETHER
 from holdfast.interop.proposal import Answers
 
 OBJECT = re.compile(
-    "(?i)can|cup|.*(ball|block|book|bottle|bowl|box|cube|cylinder|egg|glass|mug|object|pen|sponge)"
+    r"(?i)(.*(ball|block|book|bottle|bowl|box|cube|cylinder|glass|object|sponge)"
+    r"|(.*[^a-z])?(can|cup|egg|mug|pen))(e?s)?([-_ ]?\d+)?"
 )
 """Words of objects in paths; others may be people."""
 WORD = re.compile(rf"(?<![^/_ .-])({TOGETHER}(?=[/_ .-]|$)|[^/_ .-]+)")
@@ -36,17 +37,34 @@ class PathNames:
 
 
 def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
-    """What the paths of logs say of their trials.
+    """What the paths of logs say of their trials; of several forms of paths a pattern each.
 
     >>> names_of_paths(["p3/ball/slip_1", "p4/ball/pass_2"], Answers()).path
     '{person}/{object}/{action}_{trial}'
     """
     found = PathNames()
-    split = [_words(one) for one in paths]
-    marks = split[0][::2]
-    if any(one[::2] != marks for one in split):
-        return found
-    words = [*zip(*(one[1::2] for one in split), strict=True)]
+    forms: dict[tuple[str, ...], list[list[str]]] = {}
+    for path in paths:
+        words = _words(path)
+        forms.setdefault(tuple(words[::2]), []).append(words[1::2])
+    # of a long path a short pattern would take several words for one
+    longest_first = sorted(forms.items(), key=lambda form: -len(form[0]))
+    patterns = [_pattern(found, *form, answers) for form in longest_first]
+    found.path = " | ".join(patterns) if found.names else ""
+    return found
+
+
+def _pattern(
+    found: PathNames,
+    marks: Sequence[str],
+    paths: Sequence[Sequence[str]],
+    answers: Answers,
+) -> str:
+    """The pattern of paths of one form; adds its names and questions.
+
+    marks: what stands before, between and behind the words. paths: their words.
+    """
+    words = [*zip(*paths, strict=True)]
     seen = [[*dict.fromkeys(one)] for one in words]
     kinds = [kind_of(one, answers) for one in seen]
     fields: dict[str, int] = {}
@@ -56,32 +74,36 @@ def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
         places = [k for k in places if len(seen[k]) > 1] or places
         if places:
             fields[key] = places[0]
-        meanings = {tuple(map(action_of_word, words[k])) for k in places}
+        meanings = {tuple(map(answers.meaning, words[k])) for k in places}
         if key == "action" and len(meanings) > 1:
             both = listed([word for k in places for word in seen[k]])
-            found.questions.append(("--action", f"which of {both} happens?"))
+            question = (
+                f"which of {both} happens? {seen[places[0]][0]}= for one that does not"
+            )
+            found.questions.append(("--action", question))
 
     unclear = [k for k, kind in enumerate(kinds) if kind == "unclear"]
+    is_person_known = "person" in fields or bool(answers.person)
     # held out by trial, or by people with a trial each, is the same
     several = [k for k in unclear if 1 < len(seen[k]) < len(paths)]
-    for k in several if "person" not in fields and not answers.person else ():
+    for k in () if is_person_known else several:
         what = f"are {listed(seen[k], most=6)} people or objects? nothing says it"
         one_of = ",".join(seen[k])
         what += f": --person {one_of} or --object {one_of}"
         found.questions.append(("--person", what))
-    if len(unclear) == 1 and fields.keys() & {"person", "action"}:
-        # what is left beside a person or an action is what was held
-        fields.setdefault("object", unclear[0])
-    if not fields:
-        return found
-    if kinds[-1] == "trial":
+    if len(unclear) == 1 and (is_person_known or "action" in fields):
+        (left,) = unclear
+        # what a person holds, or one word beside what happens, is the object
+        if is_person_known or len(seen[left]) == 1:
+            fields.setdefault("object", left)
+    if fields and kinds[-1] == "trial":
         fields["trial"] = len(kinds) - 1
     parts = [one[0] if len(one) == 1 else "*" for one in seen]
     for key, k in sorted(fields.items(), key=lambda one: one[1]):
         parts[k] = f"{{{key}}}"
-        found.names[key] = seen[k]
-    found.path = "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
-    return found
+        known = found.names.setdefault(key, [])
+        known += [word for word in seen[k] if word not in known]
+    return "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
 
 
 def kind_of(words: Sequence[str], answers: Answers) -> str:
@@ -89,15 +111,18 @@ def kind_of(words: Sequence[str], answers: Answers) -> str:
     for key in NAMES:
         if {*words} <= {*getattr(answers, key).split(",")}:
             return key
-    if all(map(answers.meaning, words)):
-        return "" if answers.whole_action else "action"
     if all(map(PERSON.fullmatch, words)):
         return "" if answers.person else "person"
+    # codes of labels may be answered, too
     if all(map(NUMBERED.fullmatch, words)):
         return "trial"
+    if all(answers.actions.get(word) == "" for word in words):
+        return ""
+    if all(map(answers.meaning, words)):
+        return "" if answers.whole_action else "action"
     if answers.object:
         return ""
-    are_things = all(OBJECT.match(word) or named_mass(word) for word in words)
+    are_things = all(OBJECT.fullmatch(word) or named_mass(word) for word in words)
     return "object" if are_things else "unclear"
 
 

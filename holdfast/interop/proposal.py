@@ -8,7 +8,7 @@ from holdfast.core.column_map import SensorColumns, TimeColumn
 from holdfast.core.contract import UNIT_OF, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
-from holdfast.data.datasets.trials import action_of
+from holdfast.data.datasets.trials import FOLDERS, action_of
 from holdfast.interop.beside import Files
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.formats.logs import LogPlace
@@ -41,6 +41,11 @@ class Answers:
             raise UsageError(
                 f"--unit {self.unit}", next_step=f"one of {', '.join(UNIT_OF)}"
             )
+        for action in filter(None, [*self.actions.values(), self.whole_action]):
+            if action_of(action) is None:
+                raise UsageError(
+                    f"--action {action}", next_step=f"one of {', '.join(FOLDERS)}"
+                )
 
     @property
     def actions(self) -> dict[str, str]:
@@ -61,7 +66,8 @@ class Answers:
 
     def meaning(self, word: str) -> str | None:
         """The action that a word means, as given or by itself; None where it says nothing."""
-        return self.actions.get(word) or action_of_sentence(word)
+        given = self.actions.get(word)
+        return action_of_sentence(word) if given is None else given or None
 
 
 @dataclass

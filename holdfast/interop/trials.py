@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 
@@ -454,12 +455,12 @@ def names_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> dict[str, 
 
 
 def safe_name(text: str) -> str:
-    """A name as a folder: letters, digits and dashes.
+    """A name as a folder: letters of any script, digits and dashes.
 
     >>> safe_name("Soft ball #2")
     'Soft-ball-2'
     """
-    return "-".join(re.findall("[A-Za-z0-9_-]+", text)).strip("-_")[:60]
+    return "-".join(re.findall(r"[\w-]+", normalize("NFC", text))).strip("-_")[:60]
 
 
 def labels_of_rows(

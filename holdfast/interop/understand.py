@@ -35,7 +35,7 @@ from holdfast.interop.formats.streams import ForeignLog, counted, first_stream, 
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import in_turn, table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.map import ImportMap
+from holdfast.interop.map import NUMBERS, TOGETHER, ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import (
@@ -49,12 +49,13 @@ from holdfast.interop.sensors import (
 
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
-WORD = r"[/_ .-]+(?!\d)"
-"""Between the words of a path, each with its number."""
+_NUMBERED = r"(?i:finger|sensor|pad|taxel|tip|jaw)[-_ ]?\d+"
+WORD = re.compile(rf"{_NUMBERED}|{TOGETHER}|[^\W\d_]+|\d+")
+"""Of a path: letters, a number, or a sensor or a trial with its number."""
 FILE_OF_A_SENSOR = re.compile(
-    rf"(?i){FINGER.pattern}|^(finger|left|right|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d)"
+    rf"{_NUMBERED}|(?!(?i:{NUMBERS})$).*(?i:{FINGER.pattern[4:]})"
 )
-"""A word of a path that names a finger, numbers a sensor, or is a side."""
+"""A word that names a finger or numbers a sensor; a number alone may be that of a trial."""
 NO_SHEAR = (
     "the step needs shear: x, y and z of each sensor, or xz or yz where the hand card says so "
     "(measures); of the normal alone nothing is trained"
@@ -214,17 +215,17 @@ def _fingers(samples: Sequence[Sample], answers: Answers, found: Proposal) -> li
     """
     if answers.fingers:
         return answers.fingers.split(",")
-    names = [re.split(WORD, one.log.name) for one in samples]
+    names = [WORD.findall(one.log.name) for one in samples]
     are_single = {len(one.names) for one in samples} == {len(AXES)}
     if len({*map(len, names)}) > 1:
         return []
     for at in range(len(names[0])):
         words = [*dict.fromkeys(one[at] for one in names)]
         trials = Counter(" ".join([*one[:at], *one[at + 1 :]]) for one in names)
+        if are_single and len(words) > 1 and all(map(FILE_OF_A_SENSOR.match, words)):
+            return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         if len(words) < 2 or {*trials.values()} != {len(words)}:
             continue
-        if are_single and all(map(FILE_OF_A_SENSOR.search, words)):
-            return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         is_unclear = are_single and kind_of(words, answers) == "unclear"
         if is_unclear or are_two_hands(words):
             each = ",".join(words)

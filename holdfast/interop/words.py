@@ -58,11 +58,13 @@ ROWS = "rows?|index|sample"
 LENGTH = "duration|length"
 END = f"end|stop|to|bis|until|offset|finish|t1|last|{LENGTH}"
 """Words of the columns of labels, and of a table of events."""
-HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
+HELD = "(?:no|non|not|without) ?slip|stable|still|steady|held"
 OUTCOMES = {
     "grasp": HELD,
     "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",
-    "risky_slip": "risky|gross slip|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
+    "risky_slip": (
+        "risky|gross slip|with slip|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn"
+    ),
 }
 """Situation -> its words, which also name a whole trial."""
 SITUATIONS = {
