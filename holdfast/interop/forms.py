@@ -10,6 +10,7 @@ the hand is empty, and the unit says how far a reading is from rest.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,7 +33,7 @@ from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import moved_most, oriented
-from holdfast.interop.words import NAMED, says
+from holdfast.interop.words import NAMED, is_called
 
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
@@ -83,7 +84,9 @@ class Form:
         unit, sensors = self._hand(labels)
         of_paths = names_of_paths([one.log.name for one in self.samples], answers)
         for key, words in of_paths.names.items():
-            found.add("names", f"{key}: {listed(words, 6)}")
+            found.add(
+                "names", f"{key}: {listed(words, 6)}{self._not(key, words, trials)}"
+            )
         for question in of_paths.questions:
             found.ask(*question)
         for word in of_paths.names.get("action", ()):
@@ -114,6 +117,14 @@ class Form:
             unwrap=answers.unwrap,
         )
         found.plans.append((plan, {one.log.name: one.files for one in self.samples}))
+
+    def _not(self, key: str, words: Sequence[str], trials: TrialRules) -> str:
+        """What a column says that names trials, where their paths say something else."""
+        column = getattr(trials, key, "")
+        cells = [*filter(None, dict.fromkeys(self._cells(column, only_once=True)))]
+        if {*map(str.casefold, cells)} <= {*map(str.casefold, words)}:
+            return ""
+        return f"; taken is column {column}: {listed(cells, 6)}"
 
     def _name_unused(self, trials: TrialRules, labels: LabelMeanings | None) -> None:
         """Add a line of the columns that are neither readings nor names, time or labels."""
@@ -167,10 +178,17 @@ class Form:
         """(the columns of names and of trials, what the words of actions in them mean)."""
         rules: dict[str, str] = {}
         actions: dict[str, str] = {}
-        for name, column in self.samples[0].columns.items():
-            key = next((key for key, words in NAMED.items() if says(name, words)), "")
+        columns = {
+            name: one for sample in self.samples for name, one in sample.columns.items()
+        }
+        for name, column in columns.items():
+            key = next(
+                (key for key, words in NAMED.items() if is_called(name, words)), ""
+            )
             is_given = key in NAMES and getattr(self.answers, key)
             if not key or key in rules or is_given:
+                continue
+            if key == "column" and not self._is_in_turn(name):
                 continue
             kinds = {*self._cells(name, only_once=True)} - {""}
             meant = {word: self.answers.meaning(word) for word in kinds}
@@ -181,6 +199,14 @@ class Form:
             if key == "action":
                 actions = {word: str(action) for word, action in meant.items()}
         return TrialRules(fingers=self.fingers, **rules), actions
+
+    def _is_in_turn(self, name: str) -> bool:
+        """Whether each value of a column has its rows in one piece, as a trial has."""
+        for sample in self.samples:
+            cells = pd.Series(sample.columns.get(name)).replace("", None).dropna()
+            if (cells != cells.shift()).sum() > cells.nunique():
+                return False
+        return True
 
     def _cells(self, name: str, only_once: bool = False) -> list[str]:
         """The cells of a column of all logs that have it, one after the other."""
@@ -203,7 +229,7 @@ class Form:
             named = filter(None, [rules.start, rules.end, rules.label, rules.trial])
             times = f"in {rules.unit}, checked: the last event lies within a log"
             where = f"{rules.file}: {listed([*named])}, {times}"
-        self.found.add("labels", f"{where}; {found.text}")
+        self.found.add("labels", f"{where}; {found.text}".removesuffix("; "))
         if found.unknown:
             words = listed([repr(one) for one in found.unknown], most=8)
             answer = ",".join(f"{one}=slip" for one in found.unknown[:1])

@@ -42,11 +42,14 @@ from holdfast.interop.words import (
     ROWS,
     SITUATIONS,
     START,
+    TIME,
     TIME_UNITS,
     TRIAL,
+    is_called,
     meaning,
     says,
     unit_of_time,
+    words_of,
 )
 
 ROW = "row"
@@ -117,7 +120,12 @@ class LabelMeanings:
 
 
 def is_mark(name: str, column: Column) -> bool:
-    """Whether a column can hold labels: texts, or few whole numbers that seldom change."""
+    """Whether a column can hold labels: texts, or few whole numbers that seldom change.
+
+    A time is none, such as that of a slip, which is the same in all rows.
+    """
+    if unit_of_time(name) or says(name, f"{TIME}|frames?"):
+        return False
     if is_text(column):
         return len(pd.unique(column)) <= MOST_LABELS
     cells = column[np.isfinite(column)]
@@ -173,6 +181,13 @@ def is_off(cells: Sequence[str] | np.ndarray) -> np.ndarray:
 def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
     """Label -> situation, "" for none, as given or by its words; none where they say nothing."""
     meanings = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
+    for kind in [
+        one for one in meanings if re.search(r"\D0$", one) and one not in known
+    ]:
+        # of slip_0 and slip_1 one marks no slip
+        for other in meanings.keys() - known.keys():
+            if re.sub(r"\d+$", "", other) == kind[:-1]:
+                meanings[other] = None
     return {kind: meaning for kind, meaning in meanings.items() if meaning is not None}
 
 
@@ -194,13 +209,20 @@ def rules_of_table(
     start, end, label = (*numbers[:2], *texts, "", "", "")[:3]
     if "column1" not in columns:
         # else it has no heading, as a track of labels
-        start = _named(numbers, f"{START}|{ROWS}")
+        starts = [name for name in numbers if says(name, START)]
+        starts += [name for name in numbers if says(name, ROWS)]
+        # of the times of several events that of the slip
+        slips = [name for name in starts if situation_of_word(name) == "risky_slip"]
+        start = (*slips, *starts, "")[0]
         end = _named([name for name in numbers if name != start], END)
         label = _named(texts, LABEL)
     if not start:
         return None
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    label = "" if situation_of_word(start) else label
+    if situation_of_word(start):
+        # its end is that of the same event, not of the trial
+        said = {word for word in words_of(start) if meaning(word, _SITUATIONS)}
+        label, end = "", end if said & words_of(end) else ""
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
     labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
@@ -224,7 +246,7 @@ def rules_of_table(
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     """Whether cells are what logs are called by; numbers are so only by the column's name."""
     found = keys & {*map(str.casefold, text_cells(columns[name]))}
-    if says(name, TRIAL):
+    if is_called(name, TRIAL):
         return bool(found)
     return is_text(columns[name]) and len(found) > 1
 
@@ -278,13 +300,18 @@ def events_of(
         return NO_EVENTS, path
     columns = tables[0]
     names = {key: getattr(rules, key) for key in EVENT}
-    plan.require_columns(columns, path, {*names.values()} - {""})
+    is_fact = not rules.label and "*" in rules.file
+    if not is_fact:
+        plan.require_columns(columns, path, {*names.values()} - {""})
     events = pd.DataFrame(
         {key: columns.get(name, EVENT[key]) for key, name in names.items()}
     )
     for key in ("label", "trial"):
         events[key] = text_cells(events[key].to_numpy())
     times = events[["start", "end"]].apply(pd.to_numeric, errors="coerce")
+    if is_fact:
+        # what has no time, a negative one or 0 did not happen
+        times["start"] = times["start"].where(times["start"] > 0.0)
     if says(rules.end, LENGTH):
         times["end"] += times["start"]
     # a point has no end

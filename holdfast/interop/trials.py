@@ -166,9 +166,12 @@ class TrialImport:
         columns = table_of(log, plan.channels)
         rules = plan.trials
         further = {rules.column, rules.person, rules.object, rules.action} - {""}
-        plan.require_columns(columns, log.path, {*plan.columns, *further})
-        if plan.events is not None:
-            further |= {plan.events.column} & columns.keys()
+        needed = {*plan.columns, rules.column, rules.action} - {""}
+        plan.require_columns(columns, log.path, needed)
+        missing = sorted(further - columns.keys())
+        self._note(log, *(f"no column {name}" for name in missing))
+        further |= {plan.events.column} if plan.events else set()
+        further &= columns.keys()
         # the columns themselves, because a long log is large
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
         flags = valid_names(len(plan.sensors))

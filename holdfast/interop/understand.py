@@ -53,7 +53,7 @@ _NUMBERED = r"(?i:finger|sensor|pad|taxel|tip|jaw)[-_ ]?\d+"
 WORD = re.compile(rf"{_NUMBERED}|{TOGETHER}|[^\W\d_]+|\d+")
 """Of a path: letters, a number, or a sensor or a trial with its number."""
 FILE_OF_A_SENSOR = re.compile(
-    rf"{_NUMBERED}|(?!(?i:{NUMBERS})$).*(?i:{FINGER.pattern[4:]})"
+    rf"{_NUMBERED}|(?!(?:{TOGETHER}|(?i:{NUMBERS}))$).*(?i:{FINGER.pattern[4:]})"
 )
 """A word that names a finger or numbers a sensor; a number alone may be that of a trial."""
 NO_SHEAR = (

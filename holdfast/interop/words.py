@@ -41,6 +41,8 @@ NO_SENSOR = (
     "displacement|disp|deformation|cop|angle|direction|dir|resultant|total|sum|net|mean|euler|std"
 )
 """Words of three axes that are no reading of a fingertip."""
+OF_A_NAME = r"(?:id|name|nr|no|num|number|code|index|\d+)"
+"""Words behind what a column names."""
 NAMED = {
     "person": "person|subject|participant|user",
     "object": "object|item|obj",
@@ -100,6 +102,13 @@ def words_of(name: str) -> set[str]:
 def says(name: str, words: str) -> bool:
     """Whether a name has one of some words."""
     return any(re.fullmatch(words, word) for word in words_of(name))
+
+
+def is_called(name: str, words: str) -> bool:
+    """Whether a name is one of some words, such as `object`, `Object ID` or `meta.object_name`."""
+    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rpartition(".")[2]).lower()
+    plain = re.sub(r"[\W_]+", " ", parted).strip()
+    return re.fullmatch(rf"({words})( ?{OF_A_NAME})*", plain) is not None
 
 
 def meaning(word: str, meanings: Mapping[str, str]) -> str | None:
