@@ -10,7 +10,7 @@ the hand is empty, and the unit says how far a reading is from rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,6 +58,7 @@ class Form:
     tables: list[ForeignLog]
     fingers: tuple[str, ...]
     answers: Answers
+    _unclear: str = ""
 
     def understand(self) -> None:
         """Add the map of the logs, its lines and its questions.
@@ -94,7 +95,7 @@ class Form:
 
         is_said = labels or answers.whole_action or actions
         if not (is_said or all(one.log.about.get("action") for one in self.samples)):
-            found.ask("--action", WHAT_HAPPENS)
+            found.ask("--action", self._unclear or WHAT_HAPPENS)
         self._name_unused(trials, labels)
         if time is None or not unit:
             return
@@ -185,14 +186,19 @@ class Form:
             key = next(
                 (key for key, words in NAMED.items() if is_called(name, words)), ""
             )
-            is_given = key in NAMES and getattr(self.answers, key)
-            if not key or key in rules or is_given:
+            given = {"action": self.answers.whole_action, "column": ""}
+            if (
+                not key
+                or key in rules
+                or given.get(key, getattr(self.answers, key, ""))
+            ):
                 continue
             if key == "column" and not self._is_in_turn(name):
                 continue
             kinds = {*self._cells(name, only_once=True)} - {""}
             meant = {word: self.answers.meaning(word) for word in kinds}
             if key == "action" and (None in meant.values() or not meant):
+                self._unclear = self._unclear or _what_is(kinds, f"column {name}")
                 continue
             if len(kinds) <= max(1, len(column) // 20):
                 rules[key] = name
@@ -231,10 +237,7 @@ class Form:
             where = f"{rules.file}: {listed([*named])}, {times}"
         self.found.add("labels", f"{where}; {found.text}".removesuffix("; "))
         if found.unknown:
-            words = listed([repr(one) for one in found.unknown], most=8)
-            answer = ",".join(f"{one}=slip" for one in found.unknown[:1])
-            what = f"what is {words} in {where}? nothing in the logs says it: "
-            self.found.ask("--action", f'{what}"{answer}" (or pass, hold, nothing, ..)')
+            self.found.ask("--action", _what_is(found.unknown, where))
         return found
 
     def _of_columns(self, trials: TrialRules) -> list[LabelMeanings]:
@@ -283,6 +286,13 @@ class Form:
                 if stream.t_ns is None:
                     parts.setdefault(place, []).append(pd.DataFrame(stream.columns))
         return {place: pd.concat(tables) for place, tables in parts.items()}
+
+
+def _what_is(words: Collection[str], where: str) -> str:
+    """The question what words mean."""
+    shown = listed([repr(one) for one in sorted(words)], most=8)
+    answer = f'"{min(words)}=slip" (or pass, hold, nothing, ..)' if words else ""
+    return f"what is {shown} in {where}? nothing in the logs says it: {answer}"
 
 
 def _rank(found: LabelMeanings) -> tuple[bool, int, bool]:

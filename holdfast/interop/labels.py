@@ -303,8 +303,9 @@ def events_of(
     is_fact = not rules.label and "*" in rules.file
     if not is_fact:
         plan.require_columns(columns, path, {*names.values()} - {""})
+    events = pd.DataFrame(columns)
     events = pd.DataFrame(
-        {key: columns.get(name, EVENT[key]) for key, name in names.items()}
+        {key: events.get(name, EVENT[key]) for key, name in names.items()}, events.index
     )
     for key in ("label", "trial"):
         events[key] = text_cells(events[key].to_numpy())

@@ -46,7 +46,7 @@ OF_A_NAME = r"(?:id|name|nr|no|num|number|code|index|\d+)"
 NAMED = {
     "person": "person|subject|participant|user",
     "object": "object|item|obj",
-    "action": "action|condition|task|outcome|result",
+    "action": "action|condition|task|outcome|result|success|successful|dropped|failed",
     "column": "trial|run|episode|rep|repetition|recording|sheet",
 }
 """What a column holds: what a trial is called by, or its number -> words of its name."""
