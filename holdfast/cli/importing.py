@@ -39,6 +39,7 @@ ANSWERS = {
         "WORDS",
         "words of the files of one trial, a file for each finger, in their order",
     ),
+    "labels": ("NAME", "the column, or the table of events, that says when it slips"),
     "sensors": (
         "COLUMNS",
         "x, y, z of each sensor in turn, such as 'ch*' or 'left_f*'",

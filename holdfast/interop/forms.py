@@ -24,11 +24,11 @@ from holdfast.core.errors import listed
 from holdfast.core.hand_card import too_many
 from holdfast.data.datasets.trials import action_of
 from holdfast.interop.evidence import Evidence
-from holdfast.interop.formats.streams import LOG_TIME, ForeignLog, text_cells
+from holdfast.interop.formats.streams import LOG_TIME, Columns, ForeignLog, text_cells
 from holdfast.interop.formats.tables import pd
 from holdfast.interop.formats.writing import thumb_sensors
 from holdfast.interop.joining import columns_of
-from holdfast.interop.labels import LabelMeanings, labels_of, rules_of_table, timed
+from holdfast.interop.labels import LabelMeanings, labels_of, rules_of_table, zeros_of
 from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.proposal import Answers, Proposal, Sample
@@ -40,6 +40,10 @@ WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
     "put-down, nothing, .."
 )
+
+
+ZEROS = {"log": "their begin", "clock": "0 of their clock"}
+"""From where the times of events may count."""
 
 
 @dataclass
@@ -225,27 +229,57 @@ class Form:
     def _labels(self, trials: TrialRules) -> LabelMeanings | None:
         """Labels from a table of events, else from a column; what is not clear is asked."""
         columns = [*self._of_tables(trials), *self._of_columns(trials)]
+        columns = [
+            one for one in columns if self.answers.labels in ("", one.rules.place)
+        ]
         # those that say all first, then those that mark a slip
-        found = min(columns, key=_rank, default=None)
+        found = min(columns, key=self._rank, default=None)
         if found is None:
             return None
         rules = found.rules
+        same = {
+            self._said(one): one
+            for one in columns
+            if self._rank(one) == self._rank(found)
+        }
+        if len(same) > 1:
+            both = listed([one.rules.place for one in same.values()])
+            self.found.ask(
+                "--labels", f"{both} say when it slips, and differ: which is true?"
+            )
         where = f"column {rules.column}"
         if rules.file:
             named = filter(None, [rules.start, rules.end, rules.label, rules.trial])
-            times = f"in {rules.unit}, checked: the last event lies within a log"
-            where = f"{rules.file}: {listed([*named])}, {times}"
+            where = f"{rules.file}: {listed([*named])}, in {rules.unit}{found.check}"
         self.found.add("labels", f"{where}; {found.text}".removesuffix("; "))
         if found.unknown:
             self.found.ask("--action", _what_is(found.unknown, where))
         return found
 
+    def _rank(self, found: LabelMeanings) -> tuple[bool, int, bool, bool]:
+        """The smallest first: labels that mean something, all of them, and say when it slips."""
+        labels, name = found.rules.labels.values(), found.rules.column
+        columns = [one.columns[name] for one in self.samples if name in one.columns]
+        is_same = bool(columns) and all(len(pd.unique(one)) < 2 for one in columns)
+        return not any(labels), len(found.unknown), "risky_slip" not in labels, is_same
+
+    def _said(self, found: LabelMeanings) -> tuple[str, ...]:
+        """What labels say, so that those that differ can be told apart."""
+        rules = found.rules
+        if rules.file:
+            return (rules.file,)
+        return tuple(rules.labels.get(cell, "") for cell in self._cells(rules.column))
+
     def _of_columns(self, trials: TrialRules) -> list[LabelMeanings]:
         """What the columns of labels mean."""
         labels: list[LabelMeanings] = []
         for name in dict.fromkeys(key for one in self.samples for key in one.marks):
+            # what names an action is of the whole trial
+            is_name = trials.action and is_called(name, NAMED["action"])
+            if is_name or name in astuple(trials):
+                continue
             found = labels_of(name, self._cells(name), self.answers.situations)
-            labels += [found] if found and name not in astuple(trials) else []
+            labels += [found] if found else []
         return labels
 
     def _of_tables(self, trials: TrialRules) -> list[LabelMeanings]:
@@ -265,15 +299,40 @@ class Form:
             found = rules_of_table(columns, keys, file, self.answers.situations)
             is_own = "*" in file or file == first.log.path.name
             if found and (found.rules.trial or is_own):
-                rules = timed(found.rules, columns, spans_s)
-                if rules is None:
-                    what = f"{found.rules.start} of {file} lies in no log in {found.rules.unit}"
+                self._check_keys(columns, found.rules)
+                zeros = zeros_of(found.rules, columns, spans_s)
+                rules = changed(found.rules, zero=zeros[0]) if zeros else found.rules
+                if len(zeros) != 1:
+                    fits = (
+                        "both by the log's begin and its clock"
+                        if zeros
+                        else "in no log"
+                    )
+                    what = f"{rules.start} of {file} lies {fits}, in {rules.unit}"
                     self.found.ask("--map", f"{what}: write unit and zero of [events]")
-                labels.append(replace(found, rules=rules or found.rules))
+                check = (
+                    f", checked: all lie in the logs, by their {rules.zero}"
+                    if zeros
+                    else ""
+                )
+                labels.append(replace(found, rules=rules, check=check))
             elif not columns.keys() <= first.columns.keys():
                 # facts are columns of their log
                 self.found.add("not used", f"{file} (columns {listed([*columns])})")
         return labels
+
+    def _check_keys(self, columns: Columns, rules: EventRules) -> None:
+        """Ask where one name of a trial in a table of events is that of several logs."""
+        for key in dict.fromkeys(
+            text_cells(columns[rules.trial]) if rules.trial else ()
+        ):
+            same = [
+                one.log.name for one in self.samples if key.casefold() in one.log.keys
+            ]
+            if len(same) > 1:
+                what = f"trial {key!r} of {rules.file} is {listed(same, most=2)}"
+                self.found.ask("SOURCE", f"{what}: name the logs there by their paths")
+                return
 
     def _tables(self) -> dict[tuple[str, ...], pd.DataFrame]:
         """The file, or what the files beside all logs are called, and columns -> a table."""
@@ -293,11 +352,3 @@ def _what_is(words: Collection[str], where: str) -> str:
     shown = listed([repr(one) for one in sorted(words)], most=8)
     answer = f'"{min(words)}=slip" (or pass, hold, nothing, ..)' if words else ""
     return f"what is {shown} in {where}? nothing in the logs says it: {answer}"
-
-
-def _rank(found: LabelMeanings) -> tuple[bool, int, bool]:
-    return (
-        not any(found.rules.labels.values()),
-        len(found.unknown),
-        "risky_slip" not in found.rules.labels.values(),
-    )

@@ -121,7 +121,7 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
         return {}
     stamps = [one.t_ns for one in used if one.t_ns is not None]
     if len(stamps) < len(used):
-        return dict(used[0].columns)
+        return with_labels(dict(used[0].columns), names)
     # of equally slow streams that which lost the least
     slowest = max(map(step_ns, stamps))
     t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))
@@ -145,6 +145,24 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
             tolerance=None if is_label else max(1, int(NEAR_STEPS * slowest)),
         )
     return columns_of(whole)
+
+
+def with_labels(columns: Columns, names: Collection[str]) -> Columns:
+    """Columns of a table in which what has rows of its own, without readings, holds to the next.
+
+    Such as the labels in a row for each message of any topic. names: of the readings.
+    """
+    is_reading = np.zeros(len(columns[next(iter(columns))]), dtype=np.bool_)
+    for name in names:
+        is_reading |= np.isfinite(columns[name]) if name in columns else False
+    for name, column in columns.items() if not is_reading.all() else ():
+        cells = pd.Series(column).replace("", np.nan)
+        if name not in names and cells[is_reading].isna().all() and cells.notna().any():
+            filled = cells.ffill()
+            columns[name] = (
+                filled.fillna("") if is_text(column) else filled
+            ).to_numpy()
+    return columns
 
 
 def step_ns(stamps: IntArray) -> float:

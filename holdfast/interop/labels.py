@@ -12,9 +12,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
@@ -37,6 +37,7 @@ from holdfast.interop.words import (
     LABEL,
     LENGTH,
     OFF,
+    OTHER_TIMES,
     OUTCOMES,
     OVER,
     ROWS,
@@ -57,8 +58,8 @@ MOST_CODE = 1000
 """Numbers that mark a situation are smaller; those of a clock are not."""
 ACTION_OF_SITUATION = {"grasp": "hold", "risky_slip": "slip", "safe_slip": "pass"}
 MOST_LABELS = 40
-LATE = 1.1
-"""An event lies within a log as long as this, of its length."""
+LATE, SOON_S = 1.1, 0.05
+"""An event lies within a log of so many times its length; a clock begins at 0, but for this."""
 _OUTCOMES, _SITUATIONS = (
     {key: f"(?:(?:{words}){ENDINGS} ?)+" for key, words in meanings.items()}
     for meanings in (OUTCOMES, SITUATIONS)
@@ -103,10 +104,11 @@ def action_of_sentence(text: str) -> str | None:
 
 @dataclass(frozen=True)
 class LabelMeanings:
-    """Rules, and the labels whose situation must be asked."""
+    """Rules, the labels whose situation must be asked, and what checks the times."""
 
     rules: EventRules
     unknown: Sequence[str] = ()
+    check: str = ""
 
     @property
     def text(self) -> str:
@@ -150,7 +152,9 @@ def labels_of(
         return None
     off = [kind for kind in kinds if re.fullmatch(OFF, kind.lower())]
     labels = _by_words(kinds, known)
-    about = situation_of_word(name) if "slip" in name.lower() else None
+    # of files of one trial the finger stands before a dot
+    name_alone = name.rpartition(".")[2]
+    about = situation_of_word(name_alone) if "slip" in name_alone.lower() else None
     if about and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
         on = [kind for kind in kinds if kind not in off] or ["1"]
         no = [*filter(None, off)] or ["0"]
@@ -209,6 +213,7 @@ def rules_of_table(
     start, end, label = (*numbers[:2], *texts, "", "", "")[:3]
     if "column1" not in columns:
         # else it has no heading, as a track of labels
+        numbers = [name for name in numbers if not says(name, OTHER_TIMES)]
         starts = [name for name in numbers if says(name, START)]
         starts += [name for name in numbers if says(name, ROWS)]
         # of the times of several events that of the slip
@@ -256,21 +261,30 @@ def _named(names: Sequence[str], wanted: str) -> str:
     return next((name for name in names if says(name, wanted)), "")
 
 
-def timed(
+def zeros_of(
     rules: EventRules, columns: Columns, spans_s: Sequence[tuple[float, float]]
-) -> EventRules | None:
-    """The rules of a table that count its times from a log's begin, or by its clock.
+) -> list[Literal["log", "clock"]]:
+    """From where a table may count its times, so that all lie in the logs: begin, or clock.
 
-    spans_s: of the logs. None where the last event lies in no log either way.
+    spans_s: of the logs.
     """
-    latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
-    latest_s = latest * NS_OF.get(rules.unit, 1) * 1e-9
+    if rules.unit == ROW:
+        return ["log"]
+    times_s = columns[rules.start].astype(np.float64) * NS_OF[rules.unit] * 1e-9
+    first_s, last_s = np.nanmin(times_s), np.nanmax(times_s)
     begins_s, ends_s = np.transpose(spans_s)
-    lasts_s = max(ends_s - begins_s)
-    if rules.unit == ROW or latest_s <= LATE * lasts_s:
-        return rules
-    is_within = min(begins_s) < latest_s <= max(ends_s) + (LATE - 1.0) * lasts_s
-    return changed(rules, zero="clock") if is_within else None
+    late_s = (LATE - 1.0) * max(ends_s - begins_s)
+    is_of_clock = (
+        max(SOON_S, min(begins_s)) < first_s and last_s <= max(ends_s) + late_s
+    )
+    is_of_log = last_s <= max(ends_s - begins_s) + late_s
+    # where the clock begins at 0, both are the same
+    is_of_clock &= min(begins_s) > SOON_S or not is_of_log
+    zeros: dict[Literal["log", "clock"], bool] = {
+        "log": is_of_log,
+        "clock": is_of_clock,
+    }
+    return [zero for zero, fits in zeros.items() if fits]
 
 
 # -- the events of a trial
@@ -313,6 +327,9 @@ def events_of(
     if is_fact:
         # what has no time, a negative one or 0 did not happen
         times["start"] = times["start"].where(times["start"] > 0.0)
+    unit, end_unit = rules.unit, unit_of_time(rules.end)
+    if end_unit and unit != ROW:
+        times["end"] *= NS_OF[end_unit] / NS_OF[unit]
     if says(rules.end, LENGTH):
         times["end"] += times["start"]
     # a point has no end

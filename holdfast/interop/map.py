@@ -145,6 +145,11 @@ class EventRules(Table, frozen=True):
             )
 
     @property
+    def place(self) -> str:
+        """The column or the file."""
+        return self.column or self.file
+
+    @property
     def rest(self) -> Situation:
         """What a closed hand does where no label says it; "" where the labels say it all."""
         situations = set(self.labels.values())

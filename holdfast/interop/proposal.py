@@ -22,8 +22,9 @@ class Answers:
     """What the command line says. action: a word for all trials, and `word=action`, by commas.
 
     person, object: a name, or several of those in the paths. normal: x, y or z. rate: in Hz.
-    sensors: patterns of the columns of readings. fingers: words of the files of a trial.
-    unwrap: of 16 bits. Raises UsageError for an unknown unit.
+    sensors: patterns of the columns of readings. fingers: words of the files of a trial. labels: a
+    column or a table of events. unwrap: of 16 bits. Raises UsageError for an unknown unit or
+    action.
     """
 
     action: str = ""
@@ -32,6 +33,7 @@ class Answers:
     unit: str = ""
     sensors: str = ""
     fingers: str = ""
+    labels: str = ""
     rate: float | None = None
     normal: str = ""
     unwrap: bool = False

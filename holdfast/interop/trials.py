@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from unicodedata import normalize
@@ -91,6 +92,7 @@ class TrialImport:
     gaps_s: list[float] = field(default_factory=list)
     trials: list[tuple[str, ...]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    _log_of: dict[bytes, str] = field(default_factory=dict)
 
     def take(
         self, source: Path, plan: ImportMap, files: Files, part: Part = ignored
@@ -218,6 +220,10 @@ class TrialImport:
         if n_rows > 1 and np.mean(steps % n_rows == 0) > EVENLY:
             self._note(log, f"each value stands in {n_rows} rows: one of them is kept")
             return rows[int(changes[1]) % n_rows :: n_rows]
+        if n_rows > 1:
+            self._note(
+                log, f"readings stay for {n_rows} rows or so: slower than the log"
+            )
         shares = same.mean(axis=0)
         for number, share in enumerate(shares.tolist(), 1):
             if share > shares.min() + MORE_REPEATS:
@@ -273,6 +279,11 @@ class TrialImport:
         names = names_of(log, rows, plan)
         labels, n_used = labels_of_rows(log, rows, plan, events)
         trial = self._trial(log, rows, plan)
+        readings = sha256(trial.raw).digest()
+        if readings in self._log_of:
+            self._note(log, f"the readings of {self._log_of[readings]} again: left out")
+            return n_used
+        self._log_of[readings] = log.name
         labels = labels[-len(trial.t_s) :]
         recording = prepared(trial, plan.unit_of_values, "")
         closed = slice(*contact(trial.t_s, recording.samples))

@@ -111,6 +111,9 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Proposal
         for place in group:
             others_read.pop(place.path, None)
     tables = [one for one in others_read.values() if one.path.suffix != SCALARS]
+    alone = [path.name for path in others_read if path.suffix == SCALARS]
+    if alone:
+        found.add("not used", f"{listed(alone, most=6)} (beside no log)")
 
     forms: dict[object, list[Sample]] = {}
     for one in [samples[name] for name in files if name in samples]:

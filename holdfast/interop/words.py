@@ -16,6 +16,8 @@ TIME_UNITS = {
     "us": "[uµμ]s|usecs?|micros|microseconds?",
     "ns": "ns|nsecs?|nanos?|nanosecs?|nanoseconds?",
 }
+OTHER_TIMES = "min|mins|minutes?|h|hours?|cs|frames?|ticks?"
+"""Units of time that are none of ours."""
 SIGNAL_UNITS = {
     "N": "N|(?i:newtons?)",
     "mN": "(?i:mn|millinewtons?)",

@@ -908,9 +908,8 @@ def test_an_action_without_its_times_is_one_that_check_takes(
 def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(
     run: Run, tmp_path: Path
 ) -> None:
-    one = made(1)
-    for name in ("anna/1", "anna/2", "ben/1"):
-        write_log(tmp_path / f"logs/{name}.csv", one)
+    for k, name in enumerate(("anna/1", "anna/2", "ben/1")):
+        write_log(tmp_path / f"logs/{name}.csv", made(k))
     out = imported(run, tmp_path, *SLIP, code=2)
     assert "are anna, ben people or objects?" in out
     out = imported(run, tmp_path, *SLIP, "--person", "anna,ben")

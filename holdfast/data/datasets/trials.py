@@ -24,6 +24,7 @@ from holdfast.core.contract import (
     NORMAL_FLOOR,
     NOTHING,
     RISKY_SLIP,
+    SITUATIONS,
     BoolArray,
     FloatArray,
     channel_names,
@@ -320,6 +321,14 @@ def doubts_of(
             yield Missing("doubt", trial.recording.trial_id, what, step)
         yield from _far_labels(trial)
         recording = trial.recording
+        first = min(recording.phases, key=lambda phase: phase.first, default=None)
+        if first and first.first == 0 and first.situation != NOTHING:
+            # of what was held from the first row on, the grip is the bias
+            grip = recording.samples[: first.stop, NORMAL_AXIS::3].sum(axis=1)
+            if recording.unit == "N" and np.nanmedian(grip) > OPEN_HAND_N:
+                what = f"is called {SITUATIONS[first.situation]} from its first row on, and presses "
+                what += "only later"
+                yield Missing("doubt", recording.trial_id, what, "label the open hand")
         said = SITUATION_OF_ACTION.get(recording.action or "", "")
         slips = RISKY_SLIP in {phase.situation for phase in recording.phases}
         if recording.phases and said and slips != (said == "risky_slip"):
