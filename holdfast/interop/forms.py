@@ -302,19 +302,19 @@ class Form:
                 self._check_keys(columns, found.rules)
                 zeros = zeros_of(found.rules, columns, spans_s)
                 rules = changed(found.rules, zero=zeros[0]) if zeros else found.rules
+                check = f", checked: all lie within the logs, from {ZEROS[rules.zero]}"
                 if len(zeros) != 1:
                     fits = (
-                        "both by the log's begin and its clock"
+                        f"from {' and from '.join(ZEROS.values())}"
                         if zeros
                         else "in no log"
                     )
                     what = f"{rules.start} of {file} lies {fits}, in {rules.unit}"
                     self.found.ask("--map", f"{what}: write unit and zero of [events]")
-                check = (
-                    f", checked: all lie in the logs, by their {rules.zero}"
-                    if zeros
-                    else ""
-                )
+                    check = ""
+                if found.starts:
+                    what = f"{listed(found.starts)} of {file} may be when it begins"
+                    self.found.ask("--map", f"{what}: write start of [events]")
                 labels.append(replace(found, rules=rules, check=check))
             elif not columns.keys() <= first.columns.keys():
                 # facts are columns of their log

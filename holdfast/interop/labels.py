@@ -20,6 +20,7 @@ from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.data.datasets.trials import action_of
+from holdfast.interop.columns import CLOCK_NS
 from holdfast.interop.formats.logs import LogPlace, read_log
 from holdfast.interop.formats.streams import (
     Column,
@@ -31,6 +32,7 @@ from holdfast.interop.formats.streams import (
 from holdfast.interop.formats.tables import pd
 from holdfast.interop.map import EventRules, ImportMap
 from holdfast.interop.words import (
+    BEGIN,
     END,
     ENDINGS,
     FILLERS,
@@ -104,11 +106,15 @@ def action_of_sentence(text: str) -> str | None:
 
 @dataclass(frozen=True)
 class LabelMeanings:
-    """Rules, the labels whose situation must be asked, and what checks the times."""
+    """Rules, the labels whose situation must be asked, and what checks the times.
+
+    starts: columns any of which may be the start of an event.
+    """
 
     rules: EventRules
     unknown: Sequence[str] = ()
     check: str = ""
+    starts: Sequence[str] = ()
 
     @property
     def text(self) -> str:
@@ -211,23 +217,30 @@ def rules_of_table(
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
     start, end, label = (*numbers[:2], *texts, "", "", "")[:3]
+    starts: list[str] = []
     if "column1" not in columns:
         # else it has no heading, as a track of labels
         numbers = [name for name in numbers if not says(name, OTHER_TIMES)]
-        starts = [name for name in numbers if says(name, START)]
-        starts += [name for name in numbers if says(name, ROWS)]
+        ends = [name for name in numbers if says(name, END)]
+        numbers = [name for name in numbers if name not in ends]
+        by_words = (
+            [name for name in numbers if says(name, one)] for one in (BEGIN, TIME, ROWS)
+        )
+        starts = next(filter(None, by_words), [])
+        timed = [name for name in numbers if says(name, START)]
         # of the times of several events that of the slip
-        slips = [name for name in starts if situation_of_word(name) == "risky_slip"]
+        slips = [name for name in timed if situation_of_word(name) == "risky_slip"]
         start = (*slips, *starts, "")[0]
-        end = _named([name for name in numbers if name != start], END)
-        label = _named(texts, LABEL)
+        starts = [] if slips else starts
+        if situation_of_word(start):
+            # its end is that of the same event, not of the trial
+            said = {word for word in words_of(start) if meaning(word, _SITUATIONS)}
+            ends = [name for name in ends if said & words_of(name)]
+        end = (*ends, "")[0]
+        label = "" if situation_of_word(start) else _named(texts, LABEL)
     if not start:
         return None
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    if situation_of_word(start):
-        # its end is that of the same event, not of the trial
-        said = {word for word in words_of(start) if meaning(word, _SITUATIONS)}
-        label, end = "", end if said & words_of(end) else ""
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
     labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
@@ -235,17 +248,20 @@ def rules_of_table(
     is_known = any(labels.values()) or (unknown and end)
     if not is_known or len(kinds) > MOST_LABELS:
         return None
+    is_row, is_date = says(start, ROWS), columns[start].dtype.kind == "i"
+    is_date &= columns[start].max() > CLOCK_NS
+    unit = ROW if is_row else unit_of_time(start) or ("ns" if is_date else "s")
     rules = EventRules(
         file=file,
         trial=trial,
         start=start,
         end=end,
         label=label,
-        unit=ROW if says(start, ROWS) else unit_of_time(start) or "s",  # type: ignore[arg-type]
+        unit=unit,  # type: ignore[arg-type]
         hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
-    return LabelMeanings(rules, unknown)
+    return LabelMeanings(rules, unknown, starts=starts if len(starts) > 1 else ())
 
 
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:

@@ -57,8 +57,9 @@ LABEL = (
     "what|was|type"
 )
 TRIAL = "trial|file|log|run|recording|episode|name"
-START = f"start|begin|from|von|onset|t0|at|first|{TIME}"
-ROWS = "rows?|index|sample"
+BEGIN = "start|begin|from|von|onset|t0|at|first"
+START = f"{BEGIN}|{TIME}"
+ROWS = "rows?|index|samples?"
 LENGTH = "duration|length"
 END = f"end|stop|to|bis|until|offset|finish|t1|last|{LENGTH}"
 """Words of the columns of labels, and of a table of events."""

@@ -61,7 +61,7 @@ def test_a_set_with_weights_and_one_without_are_learned_together(
 ) -> None:
     write_meta_of(tmp_path / "known", {"cup": 20})
     write_phases(tmp_path / "known/cup/pull/trial_1.csv", "grasp", "risky_slip")
-    write_phases(tmp_path / "other/jar/pull/trial_1.csv", "grasp", "safe_slip")
+    write_phases(tmp_path / "other/jar/pass/trial_1.csv", "grasp", "safe_slip")
     both = join([load(tmp_path / "known"), load(tmp_path / "other")])
     counts = both.tasks["situations"].class_counts()
     assert [name for name, count in counts.items() if count] == [

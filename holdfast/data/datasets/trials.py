@@ -326,8 +326,10 @@ def doubts_of(
             # of what was held from the first row on, the grip is the bias
             grip = recording.samples[: first.stop, NORMAL_AXIS::3].sum(axis=1)
             if recording.unit == "N" and np.nanmedian(grip) > OPEN_HAND_N:
-                what = f"is called {SITUATIONS[first.situation]} from its first row on, and presses "
-                what += "only later"
+                what = (
+                    f"is called {SITUATIONS[first.situation]} from its first row on, "
+                )
+                what += "and presses only later"
                 yield Missing("doubt", recording.trial_id, what, "label the open hand")
         said = SITUATION_OF_ACTION.get(recording.action or "", "")
         slips = RISKY_SLIP in {phase.situation for phase in recording.phases}
