@@ -46,7 +46,7 @@ def files_of(
     ]
     if left:
         raise DataNotFound(
-            f"{left[0]} has not one file for each of {listed(fingers)}",
+            f"{left[0]} has not one file for each of {', '.join(fingers)}",
             next_step="--fingers with the words of its files; or move it out of the folder",
         )
     logs_found = [*files]
@@ -78,11 +78,12 @@ def read_joined(
         parts = zip(fingers, places[:n_files], strict=True)
         streams = tuple(_of_finger(*one) for one in parts)
         # but for a few rows, whose stamps may be torn
-        spans = [np.quantile(one.t_ns, (0.1, 0.9)) for one in streams]  # type: ignore[arg-type]
+        stamps = [np.asarray(one.t_ns, np.float64) for one in streams]
+        spans = [np.quantile(one, (0.1, 0.9)) for one in stamps]
         begins, ends = np.transpose(spans)
         if max(begins) >= min(ends):
             raise TimeError(
-                f"{listed(fingers)} of {name} were not recorded at the same time",
+                f"{', '.join(fingers)} of {name} were not recorded at the same time",
                 where=places[0].path,
                 next_step="stamps of one clock; or a folder for each, and import it on its own",
             )

@@ -40,8 +40,6 @@ WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
     "put-down, nothing, .."
 )
-
-
 ZEROS = {"log": "their begin", "clock": "0 of their clock"}
 """From where the times of events may count."""
 
@@ -292,37 +290,21 @@ class Form:
         first = self.samples[0]
         keys = {key for sample in self.samples for key in sample.log.keys}
         keys |= {*map(str.casefold, self._cells(trials.column, only_once=True))}
-        spans_s = [one.span_s for one in self.samples]
         labels: list[LabelMeanings] = []
         for (file, *_), whole in self._tables().items():
             columns = columns_of(whole)
             found = rules_of_table(columns, keys, file, self.answers.situations)
             is_own = "*" in file or file == first.log.path.name
             if found and (found.rules.trial or is_own):
-                self._check_keys(columns, found.rules)
-                zeros = zeros_of(found.rules, columns, spans_s)
-                rules = changed(found.rules, zero=zeros[0]) if zeros else found.rules
-                check = f", checked: all lie within the logs, from {ZEROS[rules.zero]}"
-                if len(zeros) != 1:
-                    fits = (
-                        f"from {' and from '.join(ZEROS.values())}"
-                        if zeros
-                        else "in no log"
-                    )
-                    what = f"{rules.start} of {file} lies {fits}, in {rules.unit}"
-                    self.found.ask("--map", f"{what}: write unit and zero of [events]")
-                    check = ""
-                if found.starts:
-                    what = f"{listed(found.starts)} of {file} may be when it begins"
-                    self.found.ask("--map", f"{what}: write start of [events]")
-                labels.append(replace(found, rules=rules, check=check))
+                labels.append(self._checked(found, columns))
             elif not columns.keys() <= first.columns.keys():
                 # facts are columns of their log
                 self.found.add("not used", f"{file} (columns {listed([*columns])})")
         return labels
 
-    def _check_keys(self, columns: Columns, rules: EventRules) -> None:
-        """Ask where one name of a trial in a table of events is that of several logs."""
+    def _checked(self, found: LabelMeanings, columns: Columns) -> LabelMeanings:
+        """A table of events whose times lie in the logs; what else is possible is asked."""
+        rules, file, ask = found.rules, found.rules.file, self.found.ask
         for key in dict.fromkeys(
             text_cells(columns[rules.trial]) if rules.trial else ()
         ):
@@ -330,9 +312,24 @@ class Form:
                 one.log.name for one in self.samples if key.casefold() in one.log.keys
             ]
             if len(same) > 1:
-                what = f"trial {key!r} of {rules.file} is {listed(same, most=2)}"
-                self.found.ask("SOURCE", f"{what}: name the logs there by their paths")
-                return
+                what = f"trial {key!r} of {file} is {listed(same, most=2)}"
+                ask("SOURCE", f"{what}: name the logs there by their paths")
+                break
+        if found.starts:
+            what = f"{', '.join(found.starts)} of {file} may be when it begins"
+            ask("--map", f"{what}: write start of [events]")
+        zeros = zeros_of(rules, columns, [one.span_s for one in self.samples])
+        if len(zeros) == 1:
+            (zero,) = zeros
+            check = f", checked: all lie within the logs, from {ZEROS[zero]}"
+            return replace(found, rules=changed(rules, zero=zero), check=check)
+        both = f"both from {' and from '.join(ZEROS.values())}"
+        where = (
+            f"the logs in {rules.unit}, {both}" if zeros else f"no log in {rules.unit}"
+        )
+        what = f"{rules.start} of {file} lies in {where}"
+        ask("--map", f"{what}: write unit and zero of [events]")
+        return found
 
     def _tables(self) -> dict[tuple[str, ...], pd.DataFrame]:
         """The file, or what the files beside all logs are called, and columns -> a table."""

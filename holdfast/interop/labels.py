@@ -161,8 +161,9 @@ def labels_of(
     # of files of one trial the finger stands before a dot
     name_alone = name.rpartition(".")[2]
     about = situation_of_word(name_alone) if "slip" in name_alone.lower() else None
-    if about and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
-        on = [kind for kind in kinds if kind not in off] or ["1"]
+    on = [kind for kind in kinds if kind not in off]
+    if about and len(on) <= 1 and (off or on == ["1"]):
+        on = on or ["1"]
         no = [*filter(None, off)] or ["0"]
         if about == "grasp":
             on, no = no, on

@@ -279,11 +279,9 @@ class TrialImport:
         names = names_of(log, rows, plan)
         labels, n_used = labels_of_rows(log, rows, plan, events)
         trial = self._trial(log, rows, plan)
-        readings = sha256(trial.raw).digest()
-        if readings in self._log_of:
-            self._note(log, f"the readings of {self._log_of[readings]} again: left out")
-            return n_used
-        self._log_of[readings] = log.name
+        first = self._log_of.setdefault(sha256(trial.raw.tobytes()).digest(), log.name)
+        if first != log.name:
+            self._note(log, f"the same readings as {first}: keep one of them")
         labels = labels[-len(trial.t_s) :]
         recording = prepared(trial, plan.unit_of_values, "")
         closed = slice(*contact(trial.t_s, recording.samples))
