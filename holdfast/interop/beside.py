@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.errors import DataNotFound, TimeError, listed
+from holdfast.core.errors import DataNotFound, TimeError
 from holdfast.interop.columns import find_time
 from holdfast.interop.formats.logs import SCALARS, LogPlace, read_log
 from holdfast.interop.formats.streams import Columns, ForeignLog, Stream, first_stream
