@@ -285,10 +285,13 @@ def zeros_of(
 
     spans_s: of the logs.
     """
-    if rules.unit == ROW:
+    times = columns[rules.start].astype(np.float64)
+    times = times[np.isfinite(times)]
+    if rules.unit == ROW or not len(times):
         return ["log"]
-    times_s = columns[rules.start].astype(np.float64) * NS_OF[rules.unit] * 1e-9
-    first_s, last_s = np.nanmin(times_s), np.nanmax(times_s)
+    first_s, last_s = (
+        end * NS_OF[rules.unit] * 1e-9 for end in (times.min(), times.max())
+    )
     begins_s, ends_s = np.transpose(spans_s)
     late_s = (LATE - 1.0) * max(ends_s - begins_s)
     is_of_clock = (
