@@ -20,16 +20,40 @@ from holdfast.interop.columns import channels, rise_of
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.formats.streams import LOG_TIME, Columns, counted, is_text
 from holdfast.interop.formats.tables import pd
-from holdfast.interop.words import FINGERS, NO_SENSOR, says
+from holdfast.interop.words import FINGERS, NO_SENSOR, OF_A_TRIAL, says
 
-_FINGER = "|".join(rf"((?<![a-z])(?:finger)?(?:{one})(?![a-z]))" for one in FINGERS)
-_HAND = r"(?<![a-z])(?:(left|lh|l)|(right|rh|r))(?![a-z])"
-FINGER, HAND = (re.compile(rf"(?i){one}") for one in (_FINGER, _HAND))
-THUMB = re.compile("(?i)(?<![a-z])(thumb|th)(?![a-z])")
-PLACE = re.compile(rf"(?i){_FINGER}|{_HAND}|(?:(?<![a-z])finger[-_ ]?)?\d+")
-"""What tells sensors of one quantity apart."""
-FORCE = re.compile(r"force|(?<![a-z])f[_ ]?\*|f\*$")
-"""A kind of column that is a force by its name; * is the axis."""
+BEGIN = r"(?:(?<![a-z])|(?-i:(?<=[xyzt])(?=[A-Z])))(?:finger)?"
+END = (
+    r"(?:[-_ ]?finger|distal|tip)?"
+    r"(?:(?![a-z])|(?-i:(?<=[a-z])(?=[FB]?[XYZxyz*](?![a-z]))))"
+)
+"""Before and behind a finger, which may stand in `FxThumb`, `RightThumb`, `thumbFx`, `thdistal`."""
+_FINGERS = [f"({BEGIN}(?:{one}){END})" for one in FINGERS]
+_FINGER = "|".join(_FINGERS)
+_SIDE = (
+    r"(?<![a-z])(?:left|lh|l|right|rh|r|link[se]|rechte?s?)"
+    r"(?:(?![a-z])|(?-i:(?<=t)(?=[A-Z])))"
+)
+_LETTER = r"(?-i:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z]))[a-d](?=[-_ .]+f(orce)?[-_ .]?\*)"
+FINGER, THUMB, HAND, TRIAL, PLACE = (
+    re.compile(f"(?i){one}")
+    for one in (
+        _FINGER,
+        _FINGERS[0],
+        rf"{_SIDE}|(?<![a-z])hand[-_ ]?\d+",
+        rf"(?<![a-z])(?:{OF_A_TRIAL})[-_ ]?(?:\d+|one|two|three)(?![a-z])",
+        rf"{_FINGER}|{_SIDE}|((?<![a-z])finger[-_ ]?)?\d+|{_LETTER}",
+    )
+)
+"""A place tells sensors of one quantity apart; of letters, a to d before a force."""
+AGAIN = re.compile(r"(?<=f\*)(.*)\.#$")
+"""Behind the kind of a force that has the name of another one."""
+FORCE = re.compile(
+    r"force|kraft|(?<![a-z])f[_ ]?\*|f\*$|[\[(]([cdkm]?n|newtons?|k?gf|lbf|ozf)[\])]"
+)
+"""A kind of column that is a force by its name or by its unit in brackets; * is the axis."""
+FIELD = re.compile(rf"{FORCE.pattern}|[\[(]([muµμ]?t|teslas?|gs|gauss)[\])]")
+"""Also one that is a field by its unit."""
 READING = re.compile(r"(?<![a-z])[fbh]?[_ ]?\*|force|[fbh]\*")
 """A kind of column that may be a reading: without a letter before its axis, or a force, a field."""
 SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
@@ -50,8 +74,13 @@ MUCH_MORE = 4.0
 """How much more one sensor presses than another; more than so are a force and its torque."""
 REPEATED = 0.99
 """A sensor whose steps are so alike to those of another one is no sensor of its own."""
-SUM = 0.002
-"""A resultant is the sum of the others but for rounding, of its largest reading."""
+SUM, FOLLOWS = 0.04, 0.3
+"""A resultant differs from the sum of the others on no axis by more, of how much it varies itself:
+rounding and noise of its own (0.05 N where it presses with 3 N). And on two axes by less of how
+much that axis varies: so a thumb that balances the fingers in its normal alone is no resultant."""
+MEAN = 0.35
+"""The steps of a mean differ by less from those of the mean of the others, of themselves: its noise
+is theirs, and less. With noise of its own, or rounded to more than that, it looks like a sensor."""
 CLEARLY, MOST_SENSORS = 3.0, 0.8
 """How much larger a change is that contradicts the names, and on which share of the sensors."""
 
@@ -81,18 +110,19 @@ def find_sensors(
     if groups:
         return _of_one_kind(groups, is_given=bool(chosen), is_joined=is_joined)
     if not chosen:
-        there = [name for name in names if name in longest]
-        return _by_touch(
-            [one for one in there if not rise_of(longest[one])[0]], longest
-        )
+        still = [
+            name for name in names if name in longest and not rise_of(longest[name])[0]
+        ]
+        return _by_touch(still, longest)
     if not names or len(names) % 3:
         return unclear(f"--sensors {chosen}, {len(names)} columns, not three a sensor,")
     return Evidence(in_threes(names), "as given")
 
 
 def in_threes(names: Sequence[str]) -> list[SensorColumns]:
-    """Columns as x, y and z of each sensor."""
-    rows = zip(names[::3], names[1::3], names[2::3], strict=True)
+    """Columns as x, y and z of each sensor, in the order of a hand."""
+    rows = [*zip(names[::3], names[1::3], names[2::3], strict=True)]
+    rows.sort(key=lambda row: finger_order(row[0]))
     return [SensorColumns(*row) for row in rows]
 
 
@@ -116,22 +146,23 @@ def _of_one_kind(
     groups: dict[str, dict[str, str]], *, is_given: bool, is_joined: bool
 ) -> Evidence[list[SensorColumns]]:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
-    files = (
-        [*dict.fromkeys(key.partition(".")[0] for key in groups)] if is_joined else []
-    )
+    files = [key.partition(".")[0] for key in groups if is_joined]
     kind_of = {}
     for key in groups:
         behind = key.partition(".")[2] if is_joined else key
-        kind_of[key] = PLACE.sub("#", behind).lower()
+        kind_of[key] = AGAIN.sub(r"\1", PLACE.sub("#", behind).lower())
     kinds = [*dict.fromkeys(kind_of.values())]
-    forces = [kind for kind in kinds if FORCE.search(kind)]
-    chosen = forces if len(forces) == 1 else [*filter(READING.search, kinds)]
-    if len(chosen) != 1 and not is_given:
+    found = ([*filter(one.search, kinds)] for one in (FORCE, FIELD, READING))
+    chosen = next((one for one in found if len(one) == 1), [])
+    if not chosen and not is_given:
         return unclear(f"columns {listed(kinds, most=6)} (which are the readings?)")
     keys = [key for key in groups if is_given or kind_of[key] in chosen]
+    trials = {word.lower() for key in keys for word in TRIAL.findall(key)}
     # two sensors are the jaws of a gripper
-    if are_two_hands(keys) and len(keys) > 2 and not (is_given or is_joined):
-        return unclear(f"left and right are two hands: columns {listed(keys)}")
+    is_hands = are_two_hands(keys) and len(keys) > 2
+    if (is_hands or len(trials) > 1) and not (is_given or is_joined):
+        what = "two hands" if is_hands else "trials (write each below the other)"
+        return unclear(f"columns of {what}: {listed(keys)}")
 
     def place(key: str) -> tuple[object, ...]:
         """By the order of a hand; other words as they stand, numbers as people count."""
@@ -143,8 +174,8 @@ def _of_one_kind(
 
 
 def are_two_hands(names: Sequence[str]) -> bool:
-    """Whether some names say left and others right."""
-    return len({bool(found[1]) for found in map(HAND.search, names) if found}) > 1
+    """Whether names say left and right, or are of two hands with a number."""
+    return len({" ".join(HAND.findall(one)).lower() for one in names} - {""}) == 2
 
 
 def finger_order(name: str) -> int:
@@ -206,16 +237,25 @@ def presses(values: FloatArray) -> bool:
 
 
 def sums_of_others(values: FloatArray) -> list[int]:
-    """Which sensors of three and more are the sum of the others; values [T, 3 S]."""
+    """Which sensors of three and more are the sum of the others, or their mean; values [T, 3 S]."""
     # a few of the rows of a long log, which is large
     some = values[:: max(1, len(values) // FEW_ROWS)]
     sensors = np.nan_to_num(some).reshape(len(some), -1, 3)
-    whole = sensors.sum(axis=1, keepdims=True)
-    is_sum = np.zeros(sensors.shape[1], dtype=np.bool_)
+    n_others = sensors.shape[1] - 1
+    if n_others < 2:
+        return []
+    others = sensors.sum(axis=1, keepdims=True) - sensors
+    noise = np.diff(sensors, axis=0).std(axis=0)
+    off = np.diff(sensors - others / n_others, axis=0).std(axis=0)
+    is_sum = (off < MEAN * noise).all(axis=1)
+    is_sum &= (noise == noise.min(axis=0)).any(axis=1)
+    varies = sensors.std(axis=0)
     # the sum of the others, or what balances it
-    for rest in (whole - 2 * sensors, whole + 0 * sensors):
-        is_sum |= np.abs(rest).max(axis=(0, 2)) < SUM * np.abs(sensors).max(axis=(0, 2))
-    return np.flatnonzero(is_sum).tolist() if len(is_sum) > 2 else []
+    for rest in (sensors - others, sensors + others):
+        off = rest.std(axis=0)
+        is_near = off.max(axis=1) < SUM * varies.max(axis=1)
+        is_sum |= is_near & ((off < FOLLOWS * varies).sum(axis=1) > 1)
+    return np.flatnonzero(is_sum).tolist()
 
 
 def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:

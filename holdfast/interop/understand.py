@@ -189,7 +189,7 @@ def _sample(
     sums = sums_of_others(values) if is_judged else []
     if sums:
         shown = listed([sensors.value[k].z for k in sums])
-        text = f"{shown} is the sum of the others: which columns are the sensors?"
+        text = f"{shown} is the sum or the mean of the others: which columns are the sensors?"
         found.ask("--sensors", f"{text} ({listed(names, most=9)})")
         return None
     effects, _ = touch(values)

@@ -40,9 +40,11 @@ NO_UNIT = "(?i)f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrat
 NO_SENSOR = (
     "torque|moment|translation|rotation|quaternion|orientation|covariance|gyro|pose|position|pos|"
     "angular|velocity|vel|acc|accel|acceleration|imu|joint|marker|transform|action|state|"
-    "displacement|disp|deformation|cop|angle|direction|dir|resultant|total|sum|net|mean|euler|std"
+    "displacement|disp|deformation|cop|angle|direction|dir|resultant|total|sum|net|euler|"
+    "drehmoment|weg|winkel|summe|mittelwert|mean|average|avg|median|max|min|range|peak|std|rms|"
+    "var|variance|skew|skewness|kurtosis"
 )
-"""Words of three axes that are no reading of a fingertip."""
+"""Words of three axes that are no reading of a fingertip, or only what was taken from many."""
 OF_A_NAME = r"(?:id|name|nr|no|num|number|code|index|\d+)"
 """Words behind what a column names."""
 NAMED = {
@@ -52,6 +54,10 @@ NAMED = {
     "column": "trial|run|episode|rep|repetition|recording|sheet",
 }
 """What a column holds: what a trial is called by, or its number -> words of its name."""
+OF_A_TRIAL = (
+    "trial|run|rep|repetition|recording|test|cycle|session|subject|versuch|messung"
+)
+"""Words with a number that tells trials apart."""
 LABEL = (
     "labels?|events?|phase|state|situation|markers?|annotation|class|slip|slipping|status|trigger|"
     "what|was|type"
@@ -88,8 +94,10 @@ OVER = "end|stop|finish|off|offset"
 OFF = "|0|no|false|off|n|f|\\.|-|none|nein|non"
 """What stands where a mark is not."""
 FINGERS = (
-    "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
-    "little|pinky|lf|five",
+    "thumb|th|daumen|pouce|pulgar|pollice|one",
+    "index|fore|pointer|ff|zeigefinger|indice|two",
+    "middle|mf|mittelfinger|majeur|three", "ring|rf|annulaire|anulare?|four",
+    "little|pinky|lf|kleine[rn]?[-_ ]?finger|auriculaire|menique|mignolo|five",
     "six", "seven", "eight", "nine", "ten", "palm",
 )  # fmt: skip
 """Words of fingers, and of their numbers, in the order of a hand."""

@@ -440,7 +440,7 @@ def test_a_sensor_that_is_the_sum_of_the_others_is_asked(
     values = np.hstack([one.values, sign * whole])
     write_log(tmp_path / "logs/a.csv", one, values, names)
     asked = imported(run, tmp_path, *SLIP, code=2)
-    assert "P2_FZ is the sum of the others" in asked
+    assert "P2_FZ is the sum or the mean of the others" in asked
     imported(run, tmp_path, *SLIP, "--sensors", "P0_*,P1_*")
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
@@ -474,6 +474,107 @@ def test_torques_that_follow_the_forces_are_no_sensors_of_their_own(
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
+@pytest.mark.parametrize("form", ["noise", "rounded", "mean"])
+def test_a_resultant_is_asked_whatever_its_noise_and_a_mean_too(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    one = two_sensors()
+    whole = one.values[:, :3] + one.values[:, 3:]
+    noise = np.random.default_rng(7).normal(0.0, 0.05, whole.shape)
+    more = {"noise": whole + noise, "rounded": whole.round(1), "mean": whole / 2}[form]
+    names = ["t", *TWO, "P2_FX", "P2_FY", "P2_FZ"]
+    write_log(tmp_path / "logs/a.csv", one, np.hstack([one.values, more]), names)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "P2_FZ is the sum or the mean of the others" in asked
+
+
+def test_a_thumb_that_balances_the_fingers_in_its_normal_alone_is_a_sensor(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1, sensors=3)
+    # nobody pulls: of the shear there is noise
+    one.values[:, 0::3] = made(2, sensors=3).values[:, 1::3]
+    noise = np.random.default_rng(7).normal(0.0, 0.02, len(one.t_s))
+    one.values[:, 2] = (one.values[:, 5] + one.values[:, 8] + noise).round(4)
+    write_log(tmp_path / "logs/a.csv", one)
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_what_was_taken_from_many_readings_is_none(run: Run, tmp_path: Path) -> None:
+    one = made(1, sensors=1)
+    words = ("mean", "std", "max", "min", "rms", "range", "median", "var", "kurtosis")
+    names = ["t", *(f"f{a}_{word}" for word in words for a in "xyz")]
+    write_log(tmp_path / "logs/a.csv", one, np.tile(one.values, len(words)), names)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "which columns of a are x, y and z of each sensor? (t, fx_mean" in asked
+
+
+@pytest.mark.parametrize(
+    ("form", "beside"),
+    [
+        ("Kraft {} [N]", "Weg {} [mm]"), ("{} [N]", "{} [mm]"), ("{} [uT]", "{} [mm]"),
+        ("pad {} (N)", "bend {} (deg)"), ("Nano17-A F{} (N)", "Nano17-A T{} (Nmm)"),
+        ("Kraft_{}", "Strecke_{}"), ("{} [N]", "{} [uT]"),
+    ],
+)  # fmt: skip
+def test_names_and_units_in_brackets_say_which_columns_are_the_readings(
+    run: Run, tmp_path: Path, form: str, beside: str
+) -> None:
+    one = made(1, sensors=1)
+    names = [name.format(a) for name in (beside, form) for a in "xyz"]
+    values = np.hstack([0.3 * one.values, one.values])
+    write_log(tmp_path / "logs/a.csv", one, values, ["t", *names])
+    out = imported(run, tmp_path, *SLIP)
+    assert f"sensors    1, by the axes in their names: {form.format('x')}" in out
+    assert f"not used   {beside.format('x')}" in out
+
+
+@pytest.mark.parametrize(
+    ("form", "beside"),
+    [
+        ("{} [N]", "raw {} [N]"), ("s1_{}_raw", "s1_{}_N"), ("F{}_T", "F{}_I"),
+        ("s1_a_{}", "s1_b_{}"),
+    ],
+)  # fmt: skip
+def test_units_that_do_not_say_which_columns_are_the_readings_are_no_answer(
+    run: Run, tmp_path: Path, form: str, beside: str
+) -> None:
+    one = two_sensors()
+    names = [name.format(a) for name in (form, beside) for a in "xyz"]
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *names])
+    assert "which are the readings?" in imported(run, tmp_path, *SLIP, code=2)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["Fx", "Fy", "Fz", "Fx", "Fy", "Fz"],
+        [f"Nano17-{k} F{a} (N)" for k in "AB" for a in "xyz"],
+        [f"Sensor{k}_F{a}" for k in "AB" for a in "xyz"],
+    ],
+)
+def test_forces_that_differ_in_a_letter_or_have_one_name_are_of_two_sensors(
+    run: Run, tmp_path: Path, names: list[str]
+) -> None:
+    one = two_sensors()
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *names])
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+@pytest.mark.parametrize(
+    "form", ["trial{}_F{}", "run {} F{}", "rep_{}_f{}", "F{1} (Versuch {0})"]
+)
+def test_trials_beside_each_other_are_no_sensors(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    names = [form.format(k, a) for k in (1, 2, 3) for a in "xyz"]
+    write_log(tmp_path / "logs/a.csv", made(1, sensors=3), names=["t", *names])
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "columns of trials (write each below the other)" in asked
+
+
 # -- fingers
 
 
@@ -483,6 +584,10 @@ def test_torques_that_follow_the_forces_are_no_sensors_of_their_own(
         ("fingerone", "fingertwo", "fingerthree", "fingerfour", "fingerfive"),
         ("th", "ff", "mf", "rf", "lf"),
         ("thumb", "index", "middle", "ring", "little"),
+        ("Thumb", "IndexFinger", "MiddleFinger", "RingFinger", "LittleFinger"),
+        ("rh_thdistal", "rh_ffdistal", "rh_mfdistal", "rh_rfdistal", "rh_lfdistal"),
+        ("THtip", "FFtip", "MFtip", "RFtip", "LFtip"),
+        ("Daumen", "Zeigefinger", "Mittelfinger", "Ringfinger", "KleinerFinger"),
         ("sensor_1", "sensor_2", "sensor_3", "sensor_4", "sensor_5"),
     ],
 )
@@ -538,15 +643,19 @@ def test_numbered_fingers_and_a_thumb_are_one_hand(run: Run, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("sides", "words"),
-    [(("left", "right"), ("_thumb", "_index")), (("LH", "RH"), ("1", "2"))],
-)
+    [
+        (("left", "right"), ("_thumb", "_index")), (("LH", "RH"), ("1", "2")),
+        (("hand1", "hand2"), ("_thumb", "_index")), (("hand_1", "hand_2"), ("_a", "_b")),
+        (("Left", "Right"), ("Thumb", "Index")), (("links", "rechts"), ("_1", "_2")),
+    ],
+)  # fmt: skip
 def test_two_hands_are_asked(
     run: Run, tmp_path: Path, sides: tuple[str, str], words: tuple[str, str]
 ) -> None:
     hands = [f"{hand}{word}" for hand in sides for word in words]
-    names = ["t", *(f"{hand}_{a}" for hand in hands for a in "xyz")]
+    names = ["t", *(f"{hand}_f{a}" for hand in hands for a in "xyz")]
     write_log(tmp_path / "logs/a.csv", made(1, sensors=4), names=names)
-    assert "left and right are two hands" in imported(run, tmp_path, *SLIP, code=2)
+    assert "columns of two hands" in imported(run, tmp_path, *SLIP, code=2)
     imported(run, tmp_path, *SLIP, "--sensors", f"{sides[0]}*")
     assert raw(tmp_path).shape[1] == 6
 
@@ -558,6 +667,45 @@ def test_two_hands_in_files_are_asked(run: Run, tmp_path: Path) -> None:
     assert "are left,right fingers of one trial? nothing says it" in asked
     imported(run, tmp_path, *SLIP, "--fingers", "left,right")
     assert raw(tmp_path).shape == (500, 30)
+
+
+@pytest.mark.parametrize("words", [("hand_1", "hand_2"), range(1, 6)])
+def test_hands_with_a_sensor_each_are_the_sensors_of_one(
+    run: Run, tmp_path: Path, words: range | tuple[str, ...]
+) -> None:
+    hands = [word if isinstance(word, str) else f"hand{word}" for word in words]
+    one = made(1, sensors=len(hands))
+    names = ["t", *(f"{hand}_f{a}" for hand in hands for a in "xyz")]
+    write_log(tmp_path / "logs/a.csv", one, names=names)
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+@pytest.mark.parametrize(
+    ("form", "words", "given"),
+    [
+        ("{}_f{}", ("Zeigefinger", "Daumen"), "*_f?"),
+        ("{}_f{}", ("kleiner Finger", "Daumen"), "*_f?"),
+        ("{}_f{}", ("annulaire", "pouce"), "*_f?"),
+        ("{}_f{}", ("rh_ffdistal", "rh_thdistal"), "*_f?"),
+        ("{}_f{}", ("RightIndex", "RightThumb"), "Right*"),
+        ("{}F{}", ("index", "thumb"), ""),
+        ("F{1}{0}", ("Index", "Thumb"), ""),
+        ("{}_cell_{}", ("index", "thumb"), "index*,thumb*"),
+    ],
+)
+def test_the_thumbs_side_is_that_of_the_thumb_wherever_it_stands(
+    run: Run, tmp_path: Path, form: str, words: tuple[str, str], given: str
+) -> None:
+    one = two_sensors()
+    one.values[:, 5] *= 2.0
+    letters = "abc" if "cell" in form else "xyz"
+    names = ["t", *(form.format(word, a) for word in words for a in letters)]
+    write_log(tmp_path / "logs/a.csv", one, names=names)
+    imported(run, tmp_path, *SLIP, *(("--sensors", given) if given else ()))
+    np.testing.assert_allclose(raw(tmp_path), np.roll(one.values, 3, axis=1))
+    card = (tmp_path / "set/hand.toml").read_text()
+    assert card.index('side = "thumb"') < card.index('side = "opposing"')
 
 
 # -- words
