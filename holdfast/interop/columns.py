@@ -247,4 +247,8 @@ def without_codes(values: FloatArray) -> FloatArray:
 
 def without_jumps(values: FloatArray, size: float = 1.0) -> FloatArray:
     """Readings [T, C] of 16 bits that went over their end, on one line; size: of a bit."""
-    return np.unwrap(values, period=JUMP * size, axis=0)
+    for channel in values.T:
+        # a missing reading would make all behind it missing
+        there = np.isfinite(channel)
+        channel[there] = np.unwrap(channel[there], period=JUMP * size)
+    return values
