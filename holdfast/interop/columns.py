@@ -11,12 +11,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from holdfast.core.column_map import NS_OF, TimeColumn
+from holdfast.core.column_map import LATEST_NS, NS_OF, TimeColumn
 from holdfast.core.contract import NORMAL_AXIS, FloatArray
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ
 from holdfast.interop.evidence import Evidence, best
-from holdfast.interop.formats.streams import LOG_TIME, Column, Columns, is_text
+from holdfast.interop.formats.streams import (
+    LOG_TIME,
+    Column,
+    Columns,
+    is_text,
+    unwrapped,
+)
 from holdfast.interop.words import (
+    NO_CLOCK,
     NO_UNIT,
     SIGNAL_UNITS,
     TIME,
@@ -63,19 +70,22 @@ def find_time(
     given_hz: of the command line, which wins over all columns. head_hz: as the lines above say.
     """
     counter = ""
-    clocks: list[Evidence[TimeColumn] | None] = []
+    rising = []
     for name, column in columns.items():
         step, alike, counts = rise_of(column)
         if counts and not unit_of_time(name):
-            counter = counter or name
+            # one that begins anew, but for that of 8, 16 or 32 bits, counts no rows
+            signs = np.sign(np.diff(unwrapped(column, 1.0)))
+            counter = counter or (name if np.ptp(signs) < 2 else "")
         elif step:
-            clocks.append(_clock(name, column, step, alike, head_hz))
+            rising.append((name, column, step, alike))
     if given_hz:
         return _counted(counter, given_hz, "as given")
     if LOG_TIME in columns:
         return Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
-    found = best(*clocks)
-    if head_hz and found is None:
+    found = best(*(_clock(*one, head_hz) for one in rising))
+    # the rate of a head that a clock contradicts may be that of a camera
+    if head_hz and found is None and not any(_clock(*one) for one in rising):
         return _counted(counter, head_hz, "by the head of the log")
     return found
 
@@ -87,7 +97,7 @@ def _counted(counter: str, hz: float, why: str) -> Evidence[TimeColumn]:
 
 
 def _clock(
-    name: str, column: Column, step: float, alike: float, head_hz: float | None
+    name: str, column: Column, step: float, alike: float, head_hz: float | None = None
 ) -> Evidence[TimeColumn] | None:
     """A column that rises by a step as a clock; None where it is none, or its unit not clear.
 
@@ -99,7 +109,7 @@ def _clock(
     is_named = bool(named) or says(name, TIME)
     falls = np.count_nonzero(np.diff(column) < 0) > 1
     is_part = falls and is_part_of_second(column, NS_OF.get(named or "", 0))
-    if FACTOR.search(name) or is_part:
+    if is_part or (NO_CLOCK.search(name) and not is_date):
         return None
     n_values = len(np.unique(column[:JUDGED_ROWS]))
     if is_named or is_date:
@@ -109,7 +119,7 @@ def _clock(
         n_rows = len(column[:JUDGED_ROWS])
         is_clock = name.startswith("column") and min(alike, n_values / n_rows) > EVENLY
     is_certain = is_named and bool(named or is_date)
-    units = [named] if named else ["ns"] if is_date else [*NS_OF]
+    units = [named] if named else [*NS_OF]
     slowest, fastest = SLOWEST_HZ, FASTEST_HZ if named else FASTEST_UNNAMED_HZ
     check = "" if is_certain else "rises in steps that are alike"
     if head_hz and not is_certain:
@@ -117,7 +127,8 @@ def _clock(
         check = "as fast as the head of the log says"
     for unit in units if is_clock else ():
         hz = 1e9 / (step * NS_OF[unit])
-        if slowest <= hz <= fastest:
+        is_late = column[0] > LATEST_NS / NS_OF[unit]
+        if slowest <= hz <= fastest and not is_late:
             why = f"{name}, {hz:.4g} Hz, in {unit}"
             return Evidence(TimeColumn(name, unit), why, check)  # type: ignore[arg-type]
 

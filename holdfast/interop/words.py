@@ -11,11 +11,18 @@ from collections.abc import Mapping
 
 TIME = "time|timestamp|stamp|t|clock|elapsed|when|date|datetime|zeit|temps|tiempo|tempo"
 TIME_UNITS = {
-    "s": "s|secs?|seconds?",
+    "s": "s|secs?\\.?|seconds?",
     "ms": "ms|msecs?|millis|milliseconds?",
     "us": "[uµμ]s|usecs?|micros|microseconds?",
     "ns": "ns|nsecs?|nanos?|nanosecs?|nanoseconds?",
 }
+NO_CLOCK = re.compile(
+    rf"[\[(](?!(?i:{'|'.join(TIME_UNITS.values())}|\d+|h+:m+:s+\W*\w*|utc|gmt|local|unix|epoch)[\])])"
+    r"|(?:(?<![A-Za-z\d])|(?<=[a-z])(?=[A-Z]))"
+    r"(?i:mins?|minutes?|h|hrs?|hours?|days?|cs|centiseconds?|frames|ticks|\d+[muµμn]s|angle|"
+    r"deg|degrees|rad|left|remain|remains|remaining|countdown|video|camera|hold)(?![a-z])"
+)
+"""In the name of a time: another unit, in brackets or as a word, or another quantity."""
 SIGNAL_UNITS = {
     "N": "N|(?i:newtons?)",
     "mN": "(?i:mn|millinewtons?)",

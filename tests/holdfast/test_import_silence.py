@@ -103,6 +103,7 @@ def test_pairs_are_alike_but_for_one_word() -> None:
         ("trial", np.arange(600) // 200, 200 / 150),
         ("battery", np.arange(600) // 100, 4.0),
         ("packet", np.arange(600) % 256, 4.0),
+        ("sample", np.arange(600) % 100, 4.0),
         ("temperature", 20.0 + 0.01 * np.arange(600), 4.0),
     ],
 )
@@ -117,6 +118,7 @@ def test_the_rate_that_is_given_wins_over_any_column(
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
     assert trial.rate_hz == pytest.approx(150.0, rel=1e-3)
     assert trial.t_s[-1] == pytest.approx(lasts_s - 1 / 150, abs=0.01)
+    np.testing.assert_allclose(trial.raw, one.values[: len(trial.raw)])
 
 
 def test_another_quantity_that_stands_first_is_no_clock(
@@ -126,6 +128,41 @@ def test_another_quantity_that_stands_first_is_no_clock(
     rows = np.column_stack([0.05 * np.arange(500), one.values])
     write_text(tmp_path / "logs/a.csv", ["motor_deg", *axes(5)], rows)
     assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+
+
+@pytest.mark.parametrize(
+    "name", ["Time (min)", "elapsedMinutes", "t [ticks]", "clock_angle", "time_100us"]
+)
+def test_a_time_in_another_unit_is_asked(run: Run, tmp_path: Path, name: str) -> None:
+    write_log(tmp_path / "logs/a.csv", two_sensors(), names=[name, *TWO])
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+
+
+def test_the_time_that_is_left_is_no_clock(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    rows = np.column_stack([5.0 - one.t_s, one.t_s, one.values])
+    write_text(tmp_path / "logs/a.csv", ["time_left_s", "time", *TWO], rows)
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_a_clock_that_contradicts_the_rate_of_the_head_is_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    path = write_log(tmp_path / "logs/a.csv", two_sensors(), names=["time", *TWO])
+    path.write_text(f"# camera sampling rate: 30 Hz\n{path.read_text()}")
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+
+
+@pytest.mark.parametrize("units", [1_000, 1_000_000])
+def test_whole_milliseconds_and_microseconds_since_1970_are_a_clock(
+    run: Run, tmp_path: Path, units: int
+) -> None:
+    one = two_sensors()
+    stamps = [f"{1_700_000_000 * units + k * units // 100}" for k in range(500)]
+    names = ["timestamp", *TWO]
+    write_text(tmp_path / "logs/a.csv", names, one.values, first=stamps)
+    assert "timestamp, 100 Hz" in imported(run, tmp_path, *SLIP)
 
 
 # -- rows
