@@ -27,6 +27,7 @@ from holdfast.interop.words import (
     NO_UNIT,
     SIGNAL_UNITS,
     TIME,
+    UNIT_WORD,
     meaning,
     says,
     unit_of_time,
@@ -46,10 +47,10 @@ ALIKE, EVENLY = 0.6, 0.9
 """So large a share of a clock's steps are alike; of one without a name."""
 AS_HEAD = 0.1
 """So near to the rate in the head of a log is that of its clock, of it."""
-FACTOR = re.compile(
-    r"[\[(]([^\])]*\d\s*[^\W\d_]+|[^\W\d_]+\s*[*/x·×]\s*10*(?:\^-?\d+)?)[\])]"
-)
-"""A unit with a number in brackets: 0.01 N, x10^-2 N, N/100, 10 us."""
+BRACKETS = re.compile(rf"[\[(](?!(?:{NO_UNIT})[\])])(.+?)[\])]")
+"""What stands in the brackets of a name, but for words that are no unit."""
+UNITS_FIRST = {None: 1, "count": 2}
+"""Of what stands in brackets; 0 for units of force and of field."""
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 PRESS_N = (0.2, 60.0)
 """A press of people, N."""
@@ -185,20 +186,17 @@ def unit_of(
     """The unit of channels [T, C] by their names, such as `x [mN]`; "" where it must be asked.
 
     By the size of a press, where no unit is written and a press of people fits one unit only.
-    effects [2, C]: of a touch. head: words for it in the head of the log.
+    effects [2, C]: of a touch. head: words for it in the head of the log, and beside the readings.
     """
     written = {*map(_unit_behind, names)}
     if written == {""}:
         # also the units of other quantities stand in a head
-        written = {word for word in head.split() if not unit_of_time(word)} or {""}
-        is_unit = written != {""}
-    else:
+        written = {word for word in head.split() if not unit_of_time(word)}
+    elif len(written) > 1 and not any(map(unit_named, written)):
         # words that differ from name to name may be those of sensors
-        is_unit = len(written) == 1 or any(
-            meaning(one, SIGNAL_UNITS) for one in written
-        )
-    if is_unit:
-        units = {meaning(word, SIGNAL_UNITS) for word in written}
+        written = set()
+    if written:
+        units = {*map(unit_named, written)}
         words = ", ".join(sorted(written))
         unit = units.pop()
         if units or unit is None:
@@ -224,18 +222,23 @@ def unit_of(
     return Evidence("", sizes)
 
 
-def _unit_behind(name: str) -> str:
-    """The last word in brackets, else the last one behind the axis of a name; "" for none.
+def unit_named(text: str) -> str | None:
+    """The unit that a text is as a whole, as `lb-f` is pounds; None for another one."""
+    return meaning(re.sub(r"[\s._()\[\]-]", "", text), SIGNAL_UNITS)
 
-    Whatever stands in the brackets, where that is a unit and a factor.
+
+def _unit_behind(name: str) -> str:
+    """What stands in brackets, else a unit, else the last word behind the axis; "" for none.
+
+    Of two brackets the one that is a unit; `raw` and the like stand beside one.
     """
-    factor = FACTOR.search(name)
-    if factor:
-        return factor[1]
+    phrases = BRACKETS.findall(name)
+    if phrases:
+        return min(phrases, key=lambda one: UNITS_FIRST.get(unit_named(one), 0))
     _, *behind = re.split(r"(?i)[xyz](?![a-z])", name)
-    behind = re.findall(r"[\[(](.+?)[\])]", name) or behind
-    words = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))
-    return "" if not words or re.fullmatch(NO_UNIT, words[-1]) else words[-1]
+    last = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))[-1:]
+    units = [*filter(unit_named, last), *UNIT_WORD.findall(name)]
+    return [*units, *(one for one in last if not re.fullmatch(NO_UNIT, one)), ""][0]
 
 
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:

@@ -29,10 +29,10 @@ SIGNAL_UNITS = {
     "cN": "(?i:cn|centinewtons?)",
     "dN": "dN|(?i:decinewtons?)",
     "kN": "(?i:kn|kilonewtons?)",
-    "gf": "g|(?i:gf|grams?)",
-    "kgf": "(?i:kgf?|kp|kilograms?)",
-    "lbf": "(?i:lbf?|lbs|pounds?)",
-    "ozf": "(?i:ozf?|ounces?)",
+    "gf": "g|(?i:gf|gforce|grams?(force)?)",
+    "kgf": "(?i:kgf?|kgforce|kp|kilograms?(force)?)",
+    "lbf": "(?i:lbf?|lbs|lbforce|pounds?(force)?)",
+    "ozf": "(?i:ozf?|ozforce|ounces?(force)?)",
     "uT": "(?i:[uµμ]t|microteslas?)",
     "mT": "(?i:mt|milliteslas?)",
     "G": "G|(?i:gs|gauss)",
@@ -40,14 +40,32 @@ SIGNAL_UNITS = {
     "count": "(?i:counts?|raw|adc|lsb|digits)",
 }
 """Unit -> its words; G is gauss and g is gram."""
-NO_UNIT = "(?i)f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrated)?|axis|mag|data"
-"""Words behind an axis that are no unit."""
+UNIT_WORD = re.compile(
+    r"(?<![^\W_])(?:[mcdk]N|[muµμ]T|(?i:[mck]n|[muµμ]t|gf|kgf?|kp|lbf?|lbs|ozf?|gauss|pounds?|"
+    r"ounces?|(?:milli|centi|deci|kilo)?newtons?|(?:milli|micro)?teslas?|(?:kilo)?grams?))"
+    r"(?![^\W_]|[^(\[]*[)\]])"
+)
+"""A word of a name that is a unit wherever it stands."""
+UNIT_OF_PATH = re.compile(
+    r"(?<![^\W_])(?:[mcdk]N|gf|(?i:kgf|lbf|ozf|(?:milli|centi|kilo)?newtons?))(?![^\W_])"
+)
+"""A word of a path that is the unit of its readings; kg and lb are those of an object."""
+NO_UNIT = (
+    r"(?i:\d+|(?:(?:f|force|sensor|finger|tip|pad|taxel|values?|filt(?:ered)?|cal(?:ibrated)?|"
+    r"axis|mag|data)[\W\d_]*?)+)"
+)
+"""Words behind an axis, or in brackets, that are no unit."""
 NO_SENSOR = (
     "torque|moment|translation|rotation|quaternion|orientation|covariance|gyro|pose|position|pos|"
     "angular|velocity|vel|acc|accel|acceleration|imu|joint|marker|transform|action|state|"
     "displacement|disp|deformation|cop|angle|direction|dir|resultant|total|sum|net|mean|euler|std"
 )
 """Words of three axes that are no reading of a fingertip."""
+UNIT_COLUMN = re.compile(
+    rf"(?i)(?!.*(?<![a-z])({TIME}|{NO_SENSOR}|mass|weight|length|size|temp|id)(?![a-z]))"
+    r".*(?<![a-z])units?(?![a-z]).*"
+)
+"""A column of the unit of the readings, and of no other quantity."""
 NAMED = {
     "person": "person|subject|participant|user",
     "object": "object|item|obj",

@@ -375,10 +375,23 @@ def test_counts_that_went_over_their_end_are_named_and_unwrapped_on_request(
 # -- units
 
 
-def test_pounds_are_newtons(run: Run, tmp_path: Path) -> None:
+LBF = 4.4482216152605
+
+
+@pytest.mark.parametrize(
+    ("form", "newtons"),
+    [
+        ("{}(lbf)", LBF), ("{} [pounds-force]", LBF), ("{} (lb-f)", LBF),
+        ("{} (g force)", 9.80665e-3), ("{} [milli-Newton]", 1e-3), ("{} [lbf] (filtered)", LBF),
+        ("{} (raw) [N]", 1.0), ("{}_lbf_tip", LBF), ("cN_{}", 1e-2),
+    ],
+)  # fmt: skip
+def test_a_unit_is_known_as_a_whole_wherever_it_stands(
+    run: Run, tmp_path: Path, form: str, newtons: float
+) -> None:
     one = two_sensors()
-    names = ["time(s)", *(f"{name}(lbf)" for name in TWO)]
-    write_log(tmp_path / "logs/a.csv", one, one.values / 4.4482216152605, names)
+    names = ["time(s)", *map(form.format, TWO)]
+    write_log(tmp_path / "logs/a.csv", one, one.values / newtons, names)
     imported(run, tmp_path, *SLIP)
     np.testing.assert_allclose(raw(tmp_path), one.values, atol=1e-6)
 
@@ -842,7 +855,9 @@ def test_a_form_of_a_public_thread_that_is_no_table_is_refused(
     assert says in imported(run, tmp_path, *SLIP, code=3)
 
 
-@pytest.mark.parametrize("form", ["{} [0.01 N]", "{} (x10^-2 N)", "{} (N/100)"])
+@pytest.mark.parametrize(
+    "form", ["{} [0.01 N]", "{} (x10^-2 N)", "{} (N/100)", "{} [10⁻² N]"]
+)
 def test_a_unit_with_a_factor_is_asked(run: Run, tmp_path: Path, form: str) -> None:
     one = two_sensors()
     names = ["t (s)", *map(form.format, TWO)]
