@@ -10,14 +10,7 @@ import numpy as np
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import count_of
-from holdfast.interop.columns import (
-    CLOCK_NS,
-    JUDGED_ROWS,
-    SECOND_NS,
-    find_time,
-    is_part_of_second,
-    rise_of,
-)
+from holdfast.interop.columns import CLOCK_NS, SECOND_NS, find_time, is_part_of_second
 from holdfast.interop.formats.streams import (
     LOG_TIME,
     Column,
@@ -27,12 +20,14 @@ from holdfast.interop.formats.streams import (
     is_text,
 )
 from holdfast.interop.formats.tables import pd
-from holdfast.interop.words import unit_of_time
+from holdfast.interop.words import says, unit_of_time
 
 MOST_KEYS = 100
 """Sensors or axes that rows are of."""
 OFTEN, ALIKE = 0.1, 0.5
 """So often a column changes that says which one a row is of, and so alike its values are many."""
+DEVICE = "(device|board|module|node|sensor|finger|taxel|pad|tip|jaw|hand|side|channel|addr)s?"
+"""Words of a column of numbers that may say which one a row is of."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -62,15 +57,25 @@ def whole_stamps(stream: Stream) -> Stream:
     return replace(stream, columns=columns)
 
 
-def in_turn(columns: Columns) -> list[str]:
-    """The columns of few values that come in turn, such as the sensor that a row is of."""
+def in_turn(columns: Columns, clock: str) -> list[str]:
+    """The columns of few values that say which sensor or board a row is of.
+
+    They come in turn, or change wherever the clock, "" for none, goes back. Texts, or numbers that
+    are called so: other numbers may be flags.
+    """
     keys = []
+    steps = np.diff(columns[clock]) if clock in columns else np.zeros(0)
+    back = np.flatnonzero(steps < 0)
     for name, column in columns.items():
-        cells = pd.Series(column[:JUDGED_ROWS])
+        is_device = says(name, DEVICE)
+        if not is_text(column) and not (is_device and column.dtype.kind == "i"):
+            continue
+        cells = pd.Series(column[column != ""])
         counts = cells.value_counts()
-        changes = (cells != cells.shift()).mean()
-        is_few = 1 < len(counts) <= MOST_KEYS and counts.min() > ALIKE * counts.max()
-        if is_few and changes > OFTEN and not rise_of(column)[0]:
+        is_alike = is_text(column) or counts.min() > ALIKE * counts.max()
+        often = (cells != cells.shift()).sum() > OFTEN * len(column)
+        is_other = is_device and len(back) and (column[back] != column[back + 1]).all()
+        if (often or is_other) and is_alike and 1 < len(counts) <= MOST_KEYS:
             keys.append(name)
     return keys
 

@@ -168,14 +168,16 @@ def test_whole_milliseconds_and_microseconds_since_1970_are_a_clock(
 # -- rows
 
 
+@pytest.mark.parametrize("both_in_each", [501, 50])
 def test_a_row_for_each_message_of_any_topic_is_refused(
-    run: Run, tmp_path: Path
+    run: Run, tmp_path: Path, both_in_each: int
 ) -> None:
     one = two_sensors()
     lines = []
-    for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
-        cells = [f"{value:.4f}" for value in row]
-        lines.append((t_s, ",".join([f"{t_s:.4f}", *cells[:3], "", "", ""])))
+    for k, row in enumerate(one.values.tolist(), 1):
+        cells, t_s = [f"{value:.4f}" for value in row], k / 100
+        both = cells[3:] if k % both_in_each == 0 else ["", "", ""]
+        lines.append((t_s, ",".join([f"{t_s:.4f}", *cells[:3], *both])))
         later = t_s + 0.003
         lines.append((later, ",".join([f"{later:.4f}", "", "", "", *cells[3:]])))
     hands = ("left", "right")
@@ -199,6 +201,41 @@ def test_a_row_for_each_sensor_is_asked(
     # columns that are given do not make a sensor of them
     given = ("--sensors", "x,y,z")
     assert question in imported(run, tmp_path, *SLIP, *given, code=2)
+
+
+@pytest.mark.parametrize("words", [("A", "B"), ("1", "2")])
+@pytest.mark.parametrize("in_blocks", [False, True])
+def test_a_row_for_each_board_is_asked(
+    run: Run, tmp_path: Path, words: tuple[str, str], in_blocks: bool
+) -> None:
+    one = made(1, sensors=4)
+    rows = np.column_stack([np.repeat(one.t_s, 2), one.values.reshape(-1, 6)])
+    boards = [*words] * 500
+    if in_blocks:
+        rows, boards = np.vstack([rows[::2], rows[1::2]]), sorted(boards)
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO, "board"], rows, texts=boards)
+    question = "each row of a is of one board that comes in turn"
+    assert question in imported(run, tmp_path, *SLIP, code=2)
+
+
+def test_a_row_for_each_value_is_asked_for_another_form(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    rows = np.column_stack([np.repeat(one.t_s, 6), one.values.ravel()])
+    names = ["time", "value", "channel"]
+    write_text(tmp_path / "logs/a.csv", names, rows, texts=TWO * 500)
+    given = (*SLIP, "--sensors", "value")
+    asked = imported(run, tmp_path, *given, code=2)
+    assert "of one channel that comes in turn: write a row for each time" in asked
+
+
+def test_a_log_that_holds_itself_twice_is_asked(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    rows = np.tile(np.column_stack([one.t_s, one.values]), (2, 1))
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO], rows)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "rows of a stand there twice: take them out" in asked
 
 
 def test_rows_of_another_topic_alone_are_no_samples(run: Run, tmp_path: Path) -> None:
@@ -396,7 +433,32 @@ def test_a_unit_is_known_as_a_whole_wherever_it_stands(
     np.testing.assert_allclose(raw(tmp_path), one.values, atol=1e-6)
 
 
-@pytest.mark.parametrize("form", ["{} [V]", "{} (kPa)", "{}_psi"])
+@pytest.mark.parametrize("place", ["cup_1", "cup_1_lbf", "cup_1.json"])
+def test_a_unit_beside_the_readings_is_theirs(
+    run: Run, tmp_path: Path, place: str
+) -> None:
+    one = two_sensors()
+    path = tmp_path / f"logs/{place.removesuffix('.json')}.csv"
+    names, units = ["t", *TWO], None
+    if place == "cup_1":
+        names, units = [*names, "unit"], ["lbf"] * 500
+    write_log(path, one, one.values / LBF, names, texts=units)
+    if place == "cup_1.json":
+        facts = {"force_unit": "lbf", "mass_unit": "kg"}
+        (tmp_path / "logs" / place).write_text(json.dumps(facts))
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path, "cup/slip/trial_1"), one.values, atol=1e-6)
+
+
+def test_logs_that_say_two_units_are_asked(run: Run, tmp_path: Path) -> None:
+    for k, unit in enumerate(("lbf", "mN"), 1):
+        write_log(tmp_path / f"logs/cup_{k}_{unit}.csv", two_sensors())
+    assert "not the same in all logs" in imported(run, tmp_path, *SLIP, code=2)
+
+
+@pytest.mark.parametrize(
+    "form", ["{} [V]", "{} (kPa)", "{}_psi", "{} [%]", "{} [-]", "{} [mN/count]"]
+)
 def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) -> None:
     names = ["t", *map(form.format, TWO)]
     write_log(tmp_path / "logs/a.csv", two_sensors(), names=names)
