@@ -201,7 +201,7 @@ def unit_of(
         unit = units.pop()
         if units or unit is None:
             return Evidence("", f"the log says {words}")
-        return Evidence(unit, f"{words} in names or head")
+        return Evidence(unit, f"{words} in names, head or beside them")
 
     rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]

@@ -155,7 +155,7 @@ class Form:
         unit = Evidence(answers.unit, "as given") if answers.unit else unit
         if not unit.value:
             what = f"what unit have the readings ({unit})"
-            found.ask("--unit", f"{what}? nothing says it: {', '.join(UNIT_OF)}")
+            found.ask("--unit", f"{what}? one of {', '.join(UNIT_OF)}")
             return "", sensors
 
         found.add("unit", f"{unit.value}, {unit}")

@@ -24,7 +24,7 @@ from holdfast.interop.words import says, unit_of_time
 
 MOST_KEYS = 100
 """Sensors or axes that rows are of."""
-OFTEN, ALIKE = 0.1, 0.5
+OFTEN, ALIKE = 0.05, 0.5
 """So often a column changes that says which one a row is of, and so alike its values are many."""
 DEVICE = "(device|board|module|node|sensor|finger|taxel|pad|tip|jaw|hand|side|channel|addr)s?"
 """Words of a column of numbers that may say which one a row is of."""

@@ -204,16 +204,17 @@ def test_a_row_for_each_sensor_is_asked(
 
 
 @pytest.mark.parametrize("words", [("A", "B"), ("1", "2")])
-@pytest.mark.parametrize("in_blocks", [False, True])
+@pytest.mark.parametrize("in_a_row", [1, 16, 500])
 def test_a_row_for_each_board_is_asked(
-    run: Run, tmp_path: Path, words: tuple[str, str], in_blocks: bool
+    run: Run, tmp_path: Path, words: tuple[str, str], in_a_row: int
 ) -> None:
     one = made(1, sensors=4)
     rows = np.column_stack([np.repeat(one.t_s, 2), one.values.reshape(-1, 6)])
-    boards = [*words] * 500
-    if in_blocks:
-        rows, boards = np.vstack([rows[::2], rows[1::2]]), sorted(boards)
-    write_text(tmp_path / "logs/a.csv", ["time", *TWO, "board"], rows, texts=boards)
+    order = sorted(range(1000), key=lambda k: (k // 2 // in_a_row, k % 2))
+    boards = [words[k % 2] for k in order]
+    write_text(
+        tmp_path / "logs/a.csv", ["time", *TWO, "board"], rows[order], texts=boards
+    )
     question = "each row of a is of one board that comes in turn"
     assert question in imported(run, tmp_path, *SLIP, code=2)
 
@@ -470,14 +471,14 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
 @pytest.mark.parametrize(
     ("head", "says"),
     [
-        ("# Force unit: lbf\n", "lbf, lbf in names or head"),
+        ("# Force unit: lbf\n", "lbf, lbf in names, head or beside them"),
         (
             "Y_Unit_Label\tVolts\tVolts\n",
             "what unit have the readings (the log says Volts)",
         ),
         ("# Time units: ms\n", "N, checked: by size"),
         ("# all forces in psi, time in s\n", "(the log says psi)"),
-        ("% readings (pounds)\n", "lbf, pounds in names or head"),
+        ("% readings (pounds)\n", "lbf, pounds in names, head or beside them"),
     ],
 )
 def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
