@@ -75,7 +75,9 @@ def in_turn(columns: Columns, clock: str) -> list[str]:
         is_alike = is_text(column) or counts.min() > ALIKE * counts.max()
         often = (cells != cells.shift()).sum() > OFTEN * len(column)
         is_other = is_device and len(back) and (column[back] != column[back + 1]).all()
-        if (often or is_other) and is_alike and 1 < len(counts) <= MOST_KEYS:
+        # the texts of a short log may all be others
+        is_few = 1 < len(counts) <= min(MOST_KEYS, len(cells) // 3)
+        if (often or is_other) and is_alike and is_few:
             keys.append(name)
     return keys
 

@@ -219,6 +219,16 @@ def test_a_row_for_each_board_is_asked(
     assert question in imported(run, tmp_path, *SLIP, code=2)
 
 
+def test_texts_of_which_none_comes_again_are_no_boards(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    rows = np.column_stack([one.t_s, one.values])[60:150]
+    notes = [f"row {k}" for k in range(90)]
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO, "note"], rows, texts=notes)
+    assert "1 trial: 1 slip" in imported(run, tmp_path, *SLIP)
+
+
 def test_a_row_for_each_value_is_asked_for_another_form(
     run: Run, tmp_path: Path
 ) -> None:
