@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import IntArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import count_of
 from holdfast.interop.columns import CLOCK_NS, SECOND_NS, find_time, is_part_of_second
 from holdfast.interop.formats.streams import (
@@ -28,6 +28,8 @@ OFTEN, ALIKE = 0.05, 0.5
 """So often a column changes that says which one a row is of, and so alike its values are many."""
 DEVICE = "(device|board|module|node|sensor|finger|taxel|pad|tip|jaw|hand|side|channel|addr)s?"
 """Words of a column of numbers that may say which one a row is of."""
+TWICE = 0.45
+"""Of the rows: so many stood before in a log that holds itself twice."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -80,6 +82,26 @@ def in_turn(columns: Columns, clock: str) -> list[str]:
         if (often or is_other) and is_alike and is_few:
             keys.append(name)
     return keys
+
+
+def is_twice(columns: Columns, clock: str, axes: Sequence[str]) -> bool:
+    """Whether a log whose clock goes back holds all of its rows twice."""
+    if not (np.diff(columns[clock]) < 0).any():
+        return False
+    # of one sensor: a long log is large
+    rows = pd.DataFrame({name: columns[name] for name in (clock, *axes[:3])})
+    return bool(rows.duplicated().mean() > TWICE)
+
+
+def is_union(values: FloatArray) -> bool:
+    """Whether each row is of one topic, so that none, or few by chance, have all; values [T, C]."""
+    there = np.isfinite(values)
+    there = there[there.any(axis=1)][:, there.any(axis=0)]
+    share = there.all(axis=1).sum() / max(1, len(there))
+    if not share or share >= 0.5:
+        return not share
+    # what is lost is seldom lost, or for long
+    return bool(there.mean() < 0.9 and np.diff(there, axis=0).mean() > OFTEN)
 
 
 def without_repeats(stream: Stream) -> Stream:

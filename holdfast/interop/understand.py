@@ -39,9 +39,8 @@ from holdfast.interop.formats.streams import (
     is_text,
     merged,
 )
-from holdfast.interop.formats.tables import pd
 from holdfast.interop.forms import Form
-from holdfast.interop.joining import OFTEN, in_turn, table_of
+from holdfast.interop.joining import in_turn, is_twice, is_union, table_of
 from holdfast.interop.labels import is_mark
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
@@ -56,8 +55,6 @@ from holdfast.interop.sensors import (
 )
 from holdfast.interop.words import UNIT_COLUMN, UNIT_OF_PATH
 
-TWICE = 0.45
-"""Of the rows: so many stood before in a log that holds itself twice."""
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
 WORD = r"[/_ .-]+(?!\d)"
@@ -184,20 +181,12 @@ def _sample(
             text = f"{sensors.why} of {log.name}: which are x, y and z of each sensor?"
             found.ask("--sensors", f"{text} {NO_SHEAR}")
         return None
-    if clock and (np.diff(columns[clock]) < 0).any():
-        # of one sensor: a long log is large
-        rows = pd.DataFrame({name: columns[name] for name in (clock, *names[:3])})
-        if rows.duplicated().mean() > TWICE:
-            found.ask("SOURCE", f"rows of {log.name} stand there twice: take them out")
-            return None
+    if clock and is_twice(columns, clock, names):
+        found.ask("SOURCE", f"rows of {log.name} stand there twice: take them out")
+        return None
     values = channels(columns, names)
     values = without_codes(without_jumps(values) if answers.unwrap else values)
-    there = np.isfinite(values)
-    there = there[there.any(axis=1)][:, there.any(axis=0)]
-    share = there.all(axis=1).sum() / max(1, len(there))
-    # a few rows have all by chance; what is lost is seldom lost, or for long
-    is_often = there.mean() < 0.9 and np.diff(there, axis=0).mean() > OFTEN
-    if not share or (share < 0.5 and is_often):
+    if is_union(values):
         raise ColumnError(
             "no row has all sensors, or few by chance: each is of one topic or sensor",
             where=log.path,
