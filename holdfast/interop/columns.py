@@ -11,15 +11,23 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from holdfast.core.column_map import NS_OF, TimeColumn
+from holdfast.core.column_map import LATEST_NS, NS_OF, TimeColumn
 from holdfast.core.contract import NORMAL_AXIS, FloatArray
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ
 from holdfast.interop.evidence import Evidence, best
-from holdfast.interop.formats.streams import LOG_TIME, Column, Columns, is_text
+from holdfast.interop.formats.streams import (
+    LOG_TIME,
+    Column,
+    Columns,
+    is_text,
+    unwrapped,
+)
 from holdfast.interop.words import (
+    NO_CLOCK,
     NO_UNIT,
     SIGNAL_UNITS,
     TIME,
+    UNIT_WORD,
     meaning,
     says,
     unit_of_time,
@@ -39,10 +47,10 @@ ALIKE, EVENLY = 0.6, 0.9
 """So large a share of a clock's steps are alike; of one without a name."""
 AS_HEAD = 0.1
 """So near to the rate in the head of a log is that of its clock, of it."""
-FACTOR = re.compile(
-    r"[\[(]([^\])]*\d\s*[^\W\d_]+|[^\W\d_]+\s*[*/x·×]\s*10*(?:\^-?\d+)?)[\])]"
-)
-"""A unit with a number in brackets: 0.01 N, x10^-2 N, N/100, 10 us."""
+BRACKETS = re.compile(rf"[\[(](?!(?:{NO_UNIT})[\])])(.+?)[\])]")
+"""What stands in the brackets of a name, but for words that are no unit."""
+UNITS_FIRST = {None: 1, "count": 2}
+"""Of what stands in brackets; 0 for units of force and of field."""
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 PRESS_N = (0.2, 60.0)
 """A press of people, N."""
@@ -63,19 +71,22 @@ def find_time(
     given_hz: of the command line, which wins over all columns. head_hz: as the lines above say.
     """
     counter = ""
-    clocks: list[Evidence[TimeColumn] | None] = []
+    rising = []
     for name, column in columns.items():
         step, alike, counts = rise_of(column)
         if counts and not unit_of_time(name):
-            counter = counter or name
+            # one that begins anew, but for that of 8, 16 or 32 bits, counts no rows
+            signs = np.sign(np.diff(unwrapped(column, 1.0)))
+            counter = counter or (name if np.ptp(signs) < 2 else "")
         elif step:
-            clocks.append(_clock(name, column, step, alike, head_hz))
+            rising.append((name, column, step, alike))
     if given_hz:
         return _counted(counter, given_hz, "as given")
     if LOG_TIME in columns:
         return Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
-    found = best(*clocks)
-    if head_hz and found is None:
+    found = best(*(_clock(*one, head_hz) for one in rising))
+    # the rate of a head that a clock contradicts may be that of a camera
+    if head_hz and found is None and not any(_clock(*one) for one in rising):
         return _counted(counter, head_hz, "by the head of the log")
     return found
 
@@ -87,7 +98,7 @@ def _counted(counter: str, hz: float, why: str) -> Evidence[TimeColumn]:
 
 
 def _clock(
-    name: str, column: Column, step: float, alike: float, head_hz: float | None
+    name: str, column: Column, step: float, alike: float, head_hz: float | None = None
 ) -> Evidence[TimeColumn] | None:
     """A column that rises by a step as a clock; None where it is none, or its unit not clear.
 
@@ -99,7 +110,7 @@ def _clock(
     is_named = bool(named) or says(name, TIME)
     falls = np.count_nonzero(np.diff(column) < 0) > 1
     is_part = falls and is_part_of_second(column, NS_OF.get(named or "", 0))
-    if FACTOR.search(name) or is_part:
+    if is_part or (NO_CLOCK.search(name) and not is_date):
         return None
     n_values = len(np.unique(column[:JUDGED_ROWS]))
     if is_named or is_date:
@@ -109,7 +120,7 @@ def _clock(
         n_rows = len(column[:JUDGED_ROWS])
         is_clock = name.startswith("column") and min(alike, n_values / n_rows) > EVENLY
     is_certain = is_named and bool(named or is_date)
-    units = [named] if named else ["ns"] if is_date else [*NS_OF]
+    units = [named] if named else [*NS_OF]
     slowest, fastest = SLOWEST_HZ, FASTEST_HZ if named else FASTEST_UNNAMED_HZ
     check = "" if is_certain else "rises in steps that are alike"
     if head_hz and not is_certain:
@@ -117,7 +128,8 @@ def _clock(
         check = "as fast as the head of the log says"
     for unit in units if is_clock else ():
         hz = 1e9 / (step * NS_OF[unit])
-        if slowest <= hz <= fastest:
+        is_late = column[0] > LATEST_NS / NS_OF[unit]
+        if slowest <= hz <= fastest and not is_late:
             why = f"{name}, {hz:.4g} Hz, in {unit}"
             return Evidence(TimeColumn(name, unit), why, check)  # type: ignore[arg-type]
 
@@ -174,25 +186,22 @@ def unit_of(
     """The unit of channels [T, C] by their names, such as `x [mN]`; "" where it must be asked.
 
     By the size of a press, where no unit is written and a press of people fits one unit only.
-    effects [2, C]: of a touch. head: words for it in the head of the log.
+    effects [2, C]: of a touch. head: words for it in the head of the log, and beside the readings.
     """
     written = {*map(_unit_behind, names)}
     if written == {""}:
         # also the units of other quantities stand in a head
-        written = {word for word in head.split() if not unit_of_time(word)} or {""}
-        is_unit = written != {""}
-    else:
+        written = {word for word in head.split() if not unit_of_time(word)}
+    elif len(written) > 1 and not any(map(unit_named, written)):
         # words that differ from name to name may be those of sensors
-        is_unit = len(written) == 1 or any(
-            meaning(one, SIGNAL_UNITS) for one in written
-        )
-    if is_unit:
-        units = {meaning(word, SIGNAL_UNITS) for word in written}
+        written = set()
+    if written:
+        units = {*map(unit_named, written)}
         words = ", ".join(sorted(written))
         unit = units.pop()
         if units or unit is None:
             return Evidence("", f"the log says {words}")
-        return Evidence(unit, f"{words} in names or head")
+        return Evidence(unit, f"{words} in names, head or beside them")
 
     rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
@@ -213,18 +222,23 @@ def unit_of(
     return Evidence("", sizes)
 
 
-def _unit_behind(name: str) -> str:
-    """The last word in brackets, else the last one behind the axis of a name; "" for none.
+def unit_named(text: str) -> str | None:
+    """The unit that a text is as a whole, as `lb-f` is pounds; None for another one."""
+    return meaning(re.sub(r"[\s._()\[\]-]", "", text), SIGNAL_UNITS)
 
-    Whatever stands in the brackets, where that is a unit and a factor.
+
+def _unit_behind(name: str) -> str:
+    """What stands in brackets, else a unit, else the last word behind the axis; "" for none.
+
+    Of two brackets the one that is a unit; `raw` and the like stand beside one.
     """
-    factor = FACTOR.search(name)
-    if factor:
-        return factor[1]
+    phrases = BRACKETS.findall(name)
+    if phrases:
+        return min(phrases, key=lambda one: UNITS_FIRST.get(unit_named(one), 0))
     _, *behind = re.split(r"(?i)[xyz](?![a-z])", name)
-    behind = re.findall(r"[\[(](.+?)[\])]", name) or behind
-    words = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))
-    return "" if not words or re.fullmatch(NO_UNIT, words[-1]) else words[-1]
+    last = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))[-1:]
+    units = [*filter(unit_named, last), *UNIT_WORD.findall(name)]
+    return [*units, *(one for one in last if not re.fullmatch(NO_UNIT, one)), ""][0]
 
 
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:
@@ -247,4 +261,8 @@ def without_codes(values: FloatArray) -> FloatArray:
 
 def without_jumps(values: FloatArray, size: float = 1.0) -> FloatArray:
     """Readings [T, C] of 16 bits that went over their end, on one line; size: of a bit."""
-    return np.unwrap(values, period=JUMP * size, axis=0)
+    for channel in values.T:
+        # a missing reading would make all behind it missing
+        there = np.isfinite(channel)
+        channel[there] = np.unwrap(channel[there], period=JUMP * size)
+    return values

@@ -163,10 +163,13 @@ class Form:
             most = f"a touch moves {AXES[axis]} most, the names say z"
             found.ask("--normal", f"{most}: which axis is normal? x, y, z")
 
-        unit = Evidence(answers.unit, "as given") if answers.unit else first.unit
+        sure = {one.unit.value for one in self.samples if not one.unit.check}
+        differ = sure - {"", first.unit.value}
+        unit = Evidence("", "not the same in all logs") if differ else first.unit
+        unit = Evidence(answers.unit, "as given") if answers.unit else unit
         if not unit.value:
             what = f"what unit have the readings ({unit})"
-            found.ask("--unit", f"{what}? nothing says it: {', '.join(UNIT_OF)}")
+            found.ask("--unit", f"{what}? one of {', '.join(UNIT_OF)}")
             return "", sensors
 
         found.add("unit", f"{unit.value}, {unit}")

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import IntArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import count_of
-from holdfast.interop.columns import (
-    CLOCK_NS,
-    JUDGED_ROWS,
-    SECOND_NS,
-    find_time,
-    is_part_of_second,
-    rise_of,
-)
+from holdfast.interop.columns import CLOCK_NS, SECOND_NS, find_time, is_part_of_second
 from holdfast.interop.formats.streams import (
     LOG_TIME,
     Column,
@@ -27,12 +20,16 @@ from holdfast.interop.formats.streams import (
     is_text,
 )
 from holdfast.interop.formats.tables import pd
-from holdfast.interop.words import unit_of_time
+from holdfast.interop.words import says, unit_of_time
 
 MOST_KEYS = 100
 """Sensors or axes that rows are of."""
-OFTEN, ALIKE = 0.1, 0.5
+OFTEN, ALIKE = 0.05, 0.5
 """So often a column changes that says which one a row is of, and so alike its values are many."""
+DEVICE = "(device|board|module|node|sensor|finger|taxel|pad|tip|jaw|hand|side|channel|addr)s?"
+"""Words of a column of numbers that may say which one a row is of."""
+TWICE = 0.45
+"""Of the rows: so many stood before in a log that holds itself twice."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -62,17 +59,49 @@ def whole_stamps(stream: Stream) -> Stream:
     return replace(stream, columns=columns)
 
 
-def in_turn(columns: Columns) -> list[str]:
-    """The columns of few values that come in turn, such as the sensor that a row is of."""
+def in_turn(columns: Columns, clock: str) -> list[str]:
+    """The columns of few values that say which sensor or board a row is of.
+
+    They come in turn, or change wherever the clock, "" for none, goes back. Texts, or numbers that
+    are called so: other numbers may be flags.
+    """
     keys = []
+    steps = np.diff(columns[clock]) if clock in columns else np.zeros(0)
+    back = np.flatnonzero(steps < 0)
     for name, column in columns.items():
-        cells = pd.Series(column[:JUDGED_ROWS])
+        is_device = says(name, DEVICE)
+        if not is_text(column) and not (is_device and column.dtype.kind == "i"):
+            continue
+        cells = pd.Series(column[column != ""])
         counts = cells.value_counts()
-        changes = (cells != cells.shift()).mean()
-        is_few = 1 < len(counts) <= MOST_KEYS and counts.min() > ALIKE * counts.max()
-        if is_few and changes > OFTEN and not rise_of(column)[0]:
+        is_alike = is_text(column) or counts.min() > ALIKE * counts.max()
+        often = (cells != cells.shift()).sum() > OFTEN * len(column)
+        is_other = is_device and len(back) and (column[back] != column[back + 1]).all()
+        # the texts of a short log may all be others
+        is_few = 1 < len(counts) <= min(MOST_KEYS, len(cells) // 3)
+        if (often or is_other) and is_alike and is_few:
             keys.append(name)
     return keys
+
+
+def is_twice(columns: Columns, clock: str, axes: Sequence[str]) -> bool:
+    """Whether a log whose clock goes back holds all of its rows twice."""
+    if not (np.diff(columns[clock]) < 0).any():
+        return False
+    # of one sensor: a long log is large
+    rows = pd.DataFrame({name: columns[name] for name in (clock, *axes[:3])})
+    return bool(rows.duplicated().mean() > TWICE)
+
+
+def is_union(values: FloatArray) -> bool:
+    """Whether each row is of one topic, so that none, or few by chance, have all; values [T, C]."""
+    there = np.isfinite(values)
+    there = there[there.any(axis=1)][:, there.any(axis=0)]
+    share = there.all(axis=1).sum() / max(1, len(there))
+    if not share or share >= 0.5:
+        return not share
+    # what is lost is seldom lost, or for long
+    return bool(there.mean() < 0.9 and np.diff(there, axis=0).mean() > OFTEN)
 
 
 def without_repeats(stream: Stream) -> Stream:

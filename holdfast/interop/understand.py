@@ -31,9 +31,16 @@ from holdfast.interop.columns import (
     without_jumps,
 )
 from holdfast.interop.formats.logs import SCALARS, LogPlace, find_logs, read_log
-from holdfast.interop.formats.streams import ForeignLog, counted, first_stream, merged
+from holdfast.interop.formats.streams import (
+    Columns,
+    ForeignLog,
+    counted,
+    first_stream,
+    is_text,
+    merged,
+)
 from holdfast.interop.forms import Form
-from holdfast.interop.joining import in_turn, table_of
+from holdfast.interop.joining import in_turn, is_twice, is_union, table_of
 from holdfast.interop.labels import is_mark
 from holdfast.interop.map import NUMBERS, TOGETHER, ImportMap
 from holdfast.interop.names import kind_of
@@ -46,6 +53,7 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
+from holdfast.interop.words import UNIT_COLUMN, UNIT_OF_PATH
 
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
@@ -162,25 +170,29 @@ def _sample(
     names = [name for sensor in sensors.value for name in sensor.axes]
     columns = table_of(log, names)
     time = find_time(columns or whole, answers.rate, log.about.get("rate_hz"))
-    is_timed = time is not None and bool(time.value.column)
-    if longest.rows < FEWEST_ROWS and not (names and is_timed):
+    clock = time.value.column if time else ""
+    if longest.rows < FEWEST_ROWS and not (names and clock):
+        return None
+    of_rows = columns or longest.columns
+    beside = {name: cells for name, cells in of_rows.items() if name not in names}
+    keys = in_turn(beside, clock)
+    if keys and (names or sensors.why):
+        text = f"each row of {log.name} is of one {listed(keys)} that comes in turn"
+        found.ask("SOURCE", f"{text}: write a row for each time, with all sensors")
         return None
     if not names:
         if sensors.why:
             text = f"{sensors.why} of {log.name}: which are x, y and z of each sensor?"
             found.ask("--sensors", f"{text} {NO_SHEAR}")
         return None
-    keys = in_turn(columns) if len(names) == len(AXES) else []
-    if keys:
-        text = f"each row of {log.name} is of one {listed(keys)} that comes in turn"
-        found.ask("SOURCE", f"{text}: write a row for each time, with all sensors")
+    if clock and is_twice(columns, clock, names):
+        found.ask("SOURCE", f"rows of {log.name} stand there twice: take them out")
         return None
     values = channels(columns, names)
     values = without_codes(without_jumps(values) if answers.unwrap else values)
-    there = np.isfinite(values)
-    if not there[:, there.any(axis=0)].all(axis=1).any():
+    if is_union(values):
         raise ColumnError(
-            "no row has all sensors: each is of one topic or of one sensor",
+            "no row has all sensors, or few by chance: each is of one topic or sensor",
             where=log.path,
             next_step="write a row for each time, with all sensors",
         )
@@ -193,18 +205,26 @@ def _sample(
         found.ask("--sensors", f"{text} ({listed(names, most=9)})")
         return None
     effects, _ = touch(values)
-    unit = unit_of(names, values, effects, log.about.get("unit") or "")
+    unit = unit_of(names, values, effects, _units_beside(log, columns))
     span_s = 0.0, float(longest.rows)
-    if time and time.value.column:
-        stamps_s = columns[time.value.column] * (1e-9 * time.value.unit_ns)
+    if time and clock:
+        stamps_s = columns[clock] * (1e-9 * time.value.unit_ns)
         span_s = float(np.nanmin(stamps_s)), float(np.nanmax(stamps_s))
-        marks = [name for name in marks if name != time.value.column]
+        marks = [name for name in marks if name != clock]
     # the readings of all logs would fill the memory
-    columns = {name: cells for name, cells in columns.items() if name not in names}
     others = [one for one in log.streams if not {*names} & one.columns.keys()]
     log = replace(log, streams=tuple(others))
-    marks = [name for name in marks if name in columns]
-    return Sample(files, log, columns, time, sensors, marks, effects, span_s, unit)
+    marks = [name for name in marks if name in beside]
+    return Sample(files, log, beside, time, sensors, marks, effects, span_s, unit)
+
+
+def _units_beside(log: ForeignLog, columns: Columns) -> str:
+    """Words for the unit of the readings in the head of a log, its path, and beside them."""
+    words = [log.about.get("unit") or "", *UNIT_OF_PATH.findall(log.name)]
+    for name, column in columns.items():
+        if is_text(column) and UNIT_COLUMN.fullmatch(name):
+            words.append(max(column))
+    return " ".join(words)
 
 
 # -- files of one trial

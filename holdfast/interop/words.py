@@ -11,23 +11,30 @@ from collections.abc import Mapping
 
 TIME = "time|timestamp|stamp|t|clock|elapsed|when|date|datetime|zeit|temps|tiempo|tempo"
 TIME_UNITS = {
-    "s": "s|secs?|seconds?",
+    "s": "s|secs?\\.?|seconds?",
     "ms": "ms|msecs?|millis|milliseconds?",
     "us": "[uµμ]s|usecs?|micros|microseconds?",
     "ns": "ns|nsecs?|nanos?|nanosecs?|nanoseconds?",
 }
 OTHER_TIMES = "min|mins|minutes?|h|hours?|cs|frames?|ticks?"
 """Units of time that are none of ours."""
+NO_CLOCK = re.compile(
+    rf"[\[(](?!(?i:{'|'.join(TIME_UNITS.values())}|\d+|h+:m+:s+\W*\w*|utc|gmt|local|unix|epoch)[\])])"
+    r"|(?:(?<![A-Za-z\d])|(?<=[a-z])(?=[A-Z]))"
+    r"(?i:mins?|minutes?|h|hrs?|hours?|days?|cs|centiseconds?|frames|ticks|\d+[muµμn]s|angle|"
+    r"deg|degrees|rad|left|remain|remains|remaining|countdown|video|camera|hold)(?![a-z])"
+)
+"""In the name of a time: another unit, in brackets or as a word, or another quantity."""
 SIGNAL_UNITS = {
     "N": "N|(?i:newtons?)",
     "mN": "(?i:mn|millinewtons?)",
     "cN": "(?i:cn|centinewtons?)",
     "dN": "dN|(?i:decinewtons?)",
     "kN": "(?i:kn|kilonewtons?)",
-    "gf": "g|(?i:gf|grams?)",
-    "kgf": "(?i:kgf?|kp|kilograms?)",
-    "lbf": "(?i:lbf?|lbs|pounds?)",
-    "ozf": "(?i:ozf?|ounces?)",
+    "gf": "g|(?i:gf|gforce|grams?(force)?)",
+    "kgf": "(?i:kgf?|kgforce|kp|kilograms?(force)?)",
+    "lbf": "(?i:lbf?|lbs|lbforce|pounds?(force)?)",
+    "ozf": "(?i:ozf?|ozforce|ounces?(force)?)",
     "uT": "(?i:[uµμ]t|microteslas?)",
     "mT": "(?i:mt|milliteslas?)",
     "G": "G|(?i:gs|gauss)",
@@ -35,8 +42,21 @@ SIGNAL_UNITS = {
     "count": "(?i:counts?|raw|adc|lsb|digits)",
 }
 """Unit -> its words; G is gauss and g is gram."""
-NO_UNIT = "(?i)f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrated)?|axis|mag|data"
-"""Words behind an axis that are no unit."""
+UNIT_WORD = re.compile(
+    r"(?<![^\W_])(?:[mcdk]N|[muµμ]T|(?i:[mck]n|[muµμ]t|gf|kgf?|kp|lbf?|lbs|ozf?|gauss|pounds?|"
+    r"ounces?|(?:milli|centi|deci|kilo)?newtons?|(?:milli|micro)?teslas?|(?:kilo)?grams?))"
+    r"(?![^\W_]|[^(\[]*[)\]])"
+)
+"""A word of a name that is a unit wherever it stands."""
+UNIT_OF_PATH = re.compile(
+    r"(?<![^\W_])(?:[mcdk]N|gf|(?i:kgf|lbf|ozf|(?:milli|centi|kilo)?newtons?))(?![^\W_])"
+)
+"""A word of a path that is the unit of its readings; kg and lb are those of an object."""
+NO_UNIT = (
+    r"(?i:\d+|(?:(?:f|force|sensor|finger|tip|pad|taxel|values?|filt(?:ered)?|cal(?:ibrated)?|"
+    r"axis|mag|data)[\W\d_]*?)+)"
+)
+"""Words behind an axis, or in brackets, that are no unit."""
 NO_SENSOR = (
     "torque|moment|translation|rotation|quaternion|orientation|covariance|gyro|pose|position|pos|"
     "angular|velocity|vel|acc|accel|acceleration|imu|joint|marker|transform|action|state|"
@@ -47,6 +67,11 @@ NO_SENSOR = (
 """Words of three axes that are no reading of a fingertip, or only what was taken from many."""
 OF_A_NAME = r"(?:id|name|nr|no|num|number|code|index|\d+)"
 """Words behind what a column names."""
+UNIT_COLUMN = re.compile(
+    rf"(?i)(?!.*(?<![a-z])({TIME}|{NO_SENSOR}|mass|weight|length|size|temp|id)(?![a-z]))"
+    r".*(?<![a-z])units?(?![a-z]).*"
+)
+"""A column of the unit of the readings, and of no other quantity."""
 NAMED = {
     "person": "person|subject|participant|user",
     "object": "object|item|obj",

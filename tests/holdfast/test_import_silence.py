@@ -103,6 +103,7 @@ def test_pairs_are_alike_but_for_one_word() -> None:
         ("trial", np.arange(600) // 200, 200 / 150),
         ("battery", np.arange(600) // 100, 4.0),
         ("packet", np.arange(600) % 256, 4.0),
+        ("sample", np.arange(600) % 100, 4.0),
         ("temperature", 20.0 + 0.01 * np.arange(600), 4.0),
     ],
 )
@@ -117,6 +118,7 @@ def test_the_rate_that_is_given_wins_over_any_column(
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
     assert trial.rate_hz == pytest.approx(150.0, rel=1e-3)
     assert trial.t_s[-1] == pytest.approx(lasts_s - 1 / 150, abs=0.01)
+    np.testing.assert_allclose(trial.raw, one.values[: len(trial.raw)])
 
 
 def test_another_quantity_that_stands_first_is_no_clock(
@@ -128,17 +130,54 @@ def test_another_quantity_that_stands_first_is_no_clock(
     assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
 
 
+@pytest.mark.parametrize(
+    "name", ["Time (min)", "elapsedMinutes", "t [ticks]", "clock_angle", "time_100us"]
+)
+def test_a_time_in_another_unit_is_asked(run: Run, tmp_path: Path, name: str) -> None:
+    write_log(tmp_path / "logs/a.csv", two_sensors(), names=[name, *TWO])
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+
+
+def test_the_time_that_is_left_is_no_clock(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    rows = np.column_stack([5.0 - one.t_s, one.t_s, one.values])
+    write_text(tmp_path / "logs/a.csv", ["time_left_s", "time", *TWO], rows)
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_a_clock_that_contradicts_the_rate_of_the_head_is_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    path = write_log(tmp_path / "logs/a.csv", two_sensors(), names=["time", *TWO])
+    path.write_text(f"# camera sampling rate: 30 Hz\n{path.read_text()}")
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+
+
+@pytest.mark.parametrize("units", [1_000, 1_000_000])
+def test_whole_milliseconds_and_microseconds_since_1970_are_a_clock(
+    run: Run, tmp_path: Path, units: int
+) -> None:
+    one = two_sensors()
+    stamps = [f"{1_700_000_000 * units + k * units // 100}" for k in range(500)]
+    names = ["timestamp", *TWO]
+    write_text(tmp_path / "logs/a.csv", names, one.values, first=stamps)
+    assert "timestamp, 100 Hz" in imported(run, tmp_path, *SLIP)
+
+
 # -- rows
 
 
+@pytest.mark.parametrize("both_in_each", [501, 50])
 def test_a_row_for_each_message_of_any_topic_is_refused(
-    run: Run, tmp_path: Path
+    run: Run, tmp_path: Path, both_in_each: int
 ) -> None:
     one = two_sensors()
     lines = []
-    for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
-        cells = [f"{value:.4f}" for value in row]
-        lines.append((t_s, ",".join([f"{t_s:.4f}", *cells[:3], "", "", ""])))
+    for k, row in enumerate(one.values.tolist(), 1):
+        cells, t_s = [f"{value:.4f}" for value in row], k / 100
+        both = cells[3:] if k % both_in_each == 0 else ["", "", ""]
+        lines.append((t_s, ",".join([f"{t_s:.4f}", *cells[:3], *both])))
         later = t_s + 0.003
         lines.append((later, ",".join([f"{later:.4f}", "", "", "", *cells[3:]])))
     hands = ("left", "right")
@@ -162,6 +201,52 @@ def test_a_row_for_each_sensor_is_asked(
     # columns that are given do not make a sensor of them
     given = ("--sensors", "x,y,z")
     assert question in imported(run, tmp_path, *SLIP, *given, code=2)
+
+
+@pytest.mark.parametrize("words", [("A", "B"), ("1", "2")])
+@pytest.mark.parametrize("in_a_row", [1, 16, 500])
+def test_a_row_for_each_board_is_asked(
+    run: Run, tmp_path: Path, words: tuple[str, str], in_a_row: int
+) -> None:
+    one = made(1, sensors=4)
+    rows = np.column_stack([np.repeat(one.t_s, 2), one.values.reshape(-1, 6)])
+    order = sorted(range(1000), key=lambda k: (k // 2 // in_a_row, k % 2))
+    boards = [words[k % 2] for k in order]
+    write_text(
+        tmp_path / "logs/a.csv", ["time", *TWO, "board"], rows[order], texts=boards
+    )
+    question = "each row of a is of one board that comes in turn"
+    assert question in imported(run, tmp_path, *SLIP, code=2)
+
+
+def test_texts_of_which_none_comes_again_are_no_boards(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    rows = np.column_stack([one.t_s, one.values])[60:150]
+    notes = [f"row {k}" for k in range(90)]
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO, "note"], rows, texts=notes)
+    assert "1 trial: 1 slip" in imported(run, tmp_path, *SLIP)
+
+
+def test_a_row_for_each_value_is_asked_for_another_form(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    rows = np.column_stack([np.repeat(one.t_s, 6), one.values.ravel()])
+    names = ["time", "value", "channel"]
+    write_text(tmp_path / "logs/a.csv", names, rows, texts=TWO * 500)
+    given = (*SLIP, "--sensors", "value")
+    asked = imported(run, tmp_path, *given, code=2)
+    assert "of one channel that comes in turn: write a row for each time" in asked
+
+
+def test_a_log_that_holds_itself_twice_is_asked(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    rows = np.tile(np.column_stack([one.t_s, one.values]), (2, 1))
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO], rows)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "rows of a stand there twice: take them out" in asked
 
 
 def test_rows_of_another_topic_alone_are_no_samples(run: Run, tmp_path: Path) -> None:
@@ -324,6 +409,8 @@ def test_counts_that_went_over_their_end_are_named_and_unwrapped_on_request(
     ]
     counts[:, 2::3] += np.round(100.0 * one.values[:, :2])
     counts = np.round(counts)
+    # what is missing hides nothing behind it
+    counts[20, 2] = np.nan
     over = (counts + 32_768) % 65_536 - 32_768
     write_log(tmp_path / "logs/a.csv", one, over, ["t", *TWO])
     words = (*SLIP, "--unit", "count")
@@ -336,15 +423,53 @@ def test_counts_that_went_over_their_end_are_named_and_unwrapped_on_request(
 # -- units
 
 
-def test_pounds_are_newtons(run: Run, tmp_path: Path) -> None:
+LBF = 4.4482216152605
+
+
+@pytest.mark.parametrize(
+    ("form", "newtons"),
+    [
+        ("{}(lbf)", LBF), ("{} [pounds-force]", LBF), ("{} (lb-f)", LBF),
+        ("{} (g force)", 9.80665e-3), ("{} [milli-Newton]", 1e-3), ("{} [lbf] (filtered)", LBF),
+        ("{} (raw) [N]", 1.0), ("{}_lbf_tip", LBF), ("cN_{}", 1e-2),
+    ],
+)  # fmt: skip
+def test_a_unit_is_known_as_a_whole_wherever_it_stands(
+    run: Run, tmp_path: Path, form: str, newtons: float
+) -> None:
     one = two_sensors()
-    names = ["time(s)", *(f"{name}(lbf)" for name in TWO)]
-    write_log(tmp_path / "logs/a.csv", one, one.values / 4.4482216152605, names)
+    names = ["time(s)", *map(form.format, TWO)]
+    write_log(tmp_path / "logs/a.csv", one, one.values / newtons, names)
     imported(run, tmp_path, *SLIP)
     np.testing.assert_allclose(raw(tmp_path), one.values, atol=1e-6)
 
 
-@pytest.mark.parametrize("form", ["{} [V]", "{} (kPa)", "{}_psi"])
+@pytest.mark.parametrize("place", ["cup_1", "cup_1_lbf", "cup_1.json"])
+def test_a_unit_beside_the_readings_is_theirs(
+    run: Run, tmp_path: Path, place: str
+) -> None:
+    one = two_sensors()
+    path = tmp_path / f"logs/{place.removesuffix('.json')}.csv"
+    names, units = ["t", *TWO], None
+    if place == "cup_1":
+        names, units = [*names, "unit"], ["lbf"] * 500
+    write_log(path, one, one.values / LBF, names, texts=units)
+    if place == "cup_1.json":
+        facts = {"force_unit": "lbf", "mass_unit": "kg"}
+        (tmp_path / "logs" / place).write_text(json.dumps(facts))
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path, "cup/slip/trial_1"), one.values, atol=1e-6)
+
+
+def test_logs_that_say_two_units_are_asked(run: Run, tmp_path: Path) -> None:
+    for k, unit in enumerate(("lbf", "mN"), 1):
+        write_log(tmp_path / f"logs/cup_{k}_{unit}.csv", two_sensors())
+    assert "not the same in all logs" in imported(run, tmp_path, *SLIP, code=2)
+
+
+@pytest.mark.parametrize(
+    "form", ["{} [V]", "{} (kPa)", "{}_psi", "{} [%]", "{} [-]", "{} [mN/count]"]
+)
 def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) -> None:
     names = ["t", *map(form.format, TWO)]
     write_log(tmp_path / "logs/a.csv", two_sensors(), names=names)
@@ -356,14 +481,14 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
 @pytest.mark.parametrize(
     ("head", "says"),
     [
-        ("# Force unit: lbf\n", "lbf, lbf in names or head"),
+        ("# Force unit: lbf\n", "lbf, lbf in names, head or beside them"),
         (
             "Y_Unit_Label\tVolts\tVolts\n",
             "what unit have the readings (the log says Volts)",
         ),
         ("# Time units: ms\n", "N, checked: by size"),
         ("# all forces in psi, time in s\n", "(the log says psi)"),
-        ("% readings (pounds)\n", "lbf, pounds in names or head"),
+        ("% readings (pounds)\n", "lbf, pounds in names, head or beside them"),
     ],
 )
 def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
@@ -951,7 +1076,9 @@ def test_a_form_of_a_public_thread_that_is_no_table_is_refused(
     assert says in imported(run, tmp_path, *SLIP, code=3)
 
 
-@pytest.mark.parametrize("form", ["{} [0.01 N]", "{} (x10^-2 N)", "{} (N/100)"])
+@pytest.mark.parametrize(
+    "form", ["{} [0.01 N]", "{} (x10^-2 N)", "{} (N/100)", "{} [10⁻² N]"]
+)
 def test_a_unit_with_a_factor_is_asked(run: Run, tmp_path: Path, form: str) -> None:
     one = two_sensors()
     names = ["t (s)", *map(form.format, TWO)]
