@@ -177,7 +177,8 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
     # the last line may be cut off
     has_names = len(PAIR.findall(" ".join(judged[-2:-1]))) > FEWEST_PAIRS
-    decimals = {max(found) for found in FRACTION.findall("\n".join(data))}
+    numbers = "\n".join(filter(KNOWN.match, data))
+    decimals = {max(found) for found in FRACTION.findall(numbers)}
     forms = [
         Form(one, *two, has_names)
         for one in SEPARATORS
@@ -255,7 +256,7 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
             # a time of arrival has no name, and none stands above the row names of pandas and R;
             # others end their rows by a separator
             row = ["", *row] if below[-1] else [*row, ""]
-        if row[-1] == "Comment" and len(row) > len(below):
+        if row[-1:] == ["Comment"] and len(row) > len(below):
             # rows without one leave it out
             row.pop()
         if len(row) != len(below):

@@ -248,7 +248,7 @@ def _are_thousands(column: Column) -> bool:
     others = thousandths[thousandths % 1000 > 0]
     # but for 1 in 10 the last digit is there
     n_alike = np.sum(np.isin(others % 10, range(1, 10)) & (others < 1e6))
-    are_both = 0.6 * len(others) < n_alike < 20 * n_whole
+    are_both = 0.75 * len(others) < n_alike < 20 * n_whole
     return bool(are_both and n_whole > 9 and others.min() > 1000)
 
 
