@@ -13,6 +13,7 @@ from foreign_logs import Made, axes, made, write_log, write_text
 
 from holdfast.core.trial_file import read_trial
 from holdfast.interop.beside import paired
+from holdfast.interop.formats.layout import layout_of
 from holdfast.interop.labels import (
     action_of_sentence,
     action_of_word,
@@ -412,7 +413,7 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
         ("# recorded in Berlin by Anna\n", "N, checked: by size"),
         ("# object mass (kg): 0.2\n", "N, checked: by size"),
         ("# slips at 500 mN\n", "N, checked: by size"),
-        ("# Einheit: lbf\n", "lbf, lbf in names or head"),
+        ("# Einheit: N\n", "N, N in names or head"),
         ("# forces: gf\n", "gf, gf in names or head"),
         ("# Units lbf\n", "lbf, lbf in names or head"),
         ("FORCE_UNITS N\n", "N, N in names or head"),
@@ -471,6 +472,46 @@ def test_signs_of_a_country_between_thousands_are_read_where_a_fraction_shows_it
     (tmp_path / "logs/a.csv").write_text("\n".join(lines), encoding="utf-8")
     imported(run, tmp_path, *SLIP)
     np.testing.assert_allclose(raw(tmp_path), one.values, atol=5.1e-4)
+
+
+def test_dots_between_thousands_may_come_late_in_a_log_of_decimal_commas(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    one.values[:300, 2::3] *= 0.1
+    names = ["t", *(f"{name} [mN]" for name in TWO)]
+    lines = [";".join(names)]
+    for t_s, row in zip(one.t_s, 1e3 * one.values, strict=True):
+        cells = [f"{cell:,.0f}".replace(",", ".") for cell in row]
+        lines.append(";".join([f"{t_s:.2f}".replace(".", ","), *cells]))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines))
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values, atol=5.1e-4)
+
+
+def test_a_dot_before_some_fractions_is_none_of_thousands_beside_decimal_commas(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    lines = [";".join(["t", *TWO])]
+    for t_s, row in zip(one.t_s, one.values, strict=True):
+        cells = [f"{cell:.4f}".replace(".", ",") for cell in row]
+        lines.append(";".join([f"{t_s:.3f}", *cells]))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines))
+    assert "100 Hz" in imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [("a;b", "{} 234,5;{} 345,6"), ("Version 1.2\na;b", "{},234;{},345")],
+)
+def test_the_decimal_sign_is_that_of_the_rows(head: str, row: str) -> None:
+    lines = [*head.splitlines(), *(row.format(k, k) for k in range(1, 60))]
+    form = layout_of(tuple(lines)).form
+    assert (form.separator, form.decimal) == (";", ",")
 
 
 def test_whole_numbers_and_some_with_three_digits_behind_a_dot_are_asked(
