@@ -86,8 +86,9 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
             others.append(f"{place.path.name} (as {first.path.name})")
 
     if all(place.kind == SCALARS for place in found):
-        paths = [place.path for place in places]
-        seen = next(filter(_what_it_is, paths), next(iter(paths), source))
+        # one that tells more than others
+        paths = (place.path for place in places)
+        seen = max(paths, key=_what_it_is, default=source)
         what = _what_it_is(seen) or "no table"
         raise DataNotFound(
             f"no log here; {seen.name} is {what}",
