@@ -1063,6 +1063,7 @@ def test_a_list_of_numbers_in_an_object_beside_a_log_is_named(
         ("a.mat", b"MATLAB 5.0", "a.mat is a MATLAB file"),
         ("a.h5", b"\x89HDF", "a.h5 is HDF5"),
         ("a.npy", b"\x93NUMPY", "a.npy is numpy"),
+        ("b.npy", b"\x93NUMPY{'a': '<f8', 'shape': (5, 3), }\n\0\0", "b.npy is numpy"),
         ("a.png", b"\x89PNG", "a.png is a picture"),
         ("a.csv", b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer"),
         ("a.tdms", b"TDSm", "a.tdms is of LabVIEW"),

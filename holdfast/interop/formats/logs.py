@@ -162,7 +162,8 @@ def _columns_of(place: LogPlace) -> int:
         if place.kind in MODULES:
             return LABEL_COLUMNS + 1
         layout, _ = begin_of(place.path)
-    except DataError:
+    except (DataError, ValueError):
+        # bytes that only look like cells
         return 0
 
     wide = len(layout.names)
