@@ -90,6 +90,25 @@ def over_midnight(path: Path, one: Made) -> None:
     write_text(path.with_suffix(".log"), names, 1e-3 * one.values, first=first)
 
 
+def american_dates_over_midnight(path: Path, one: Made) -> None:
+    begin = datetime(2024, 5, 3, 23, 59, 58)
+    times = [begin + timedelta(seconds=t) for t in one.t_s.tolist()]
+    first = [f"{at.month}/{at.day}/{at:%Y %I:%M:%S.%f %p}" for at in times]
+    write_text(path.with_suffix(".csv"), ["when", *axes(5)], one.values, first=first)
+
+
+def dates_of_matlab(path: Path, one: Made) -> None:
+    begin = datetime(2024, 5, 1, 14, 2)
+    times = [begin + timedelta(seconds=t) for t in one.t_s.tolist()]
+    first = [f"{at:%d-%b-%Y %H:%M:%S.%f}" for at in times]
+    write_text(path.with_suffix(".csv"), ["Time", *axes(5)], one.values, first=first)
+
+
+def durations_of_matlab(path: Path, one: Made) -> None:
+    first = [f"{t_s:.2f} sec" for t_s in one.t_s]
+    write_text(path.with_suffix(".csv"), ["Time", *axes(5)], one.values, first=first)
+
+
 def shear_and_normal(path: Path, one: Made) -> None:
     parts = ("shear1", "shear2", "normal")
     names = ["t", *(f"pad{k}_{part}" for k in range(1, 6) for part in parts)]
@@ -228,7 +247,8 @@ READINGS = {
         moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
         a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut, lines_for_a_plotter,
         a_rate_above_the_names,
-        a_clock_and_its_milliseconds,
+        a_clock_and_its_milliseconds, american_dates_over_midnight, dates_of_matlab,
+        durations_of_matlab,
     )
 }  # fmt: skip
 

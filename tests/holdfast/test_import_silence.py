@@ -13,6 +13,7 @@ from foreign_logs import Made, axes, made, write_log, write_text
 
 from holdfast.core.trial_file import read_trial
 from holdfast.interop.beside import paired
+from holdfast.interop.formats.layout import layout_of
 from holdfast.interop.labels import (
     action_of_sentence,
     action_of_word,
@@ -366,13 +367,58 @@ def test_lines_between_rows_and_a_second_block_are_named(
     block = ["", "Trajectories", "100", "Frame,X,Y,Z", "1,2,3,4"]
     path.write_text("\n".join([*lines, *block]))
     out = imported(run, tmp_path, *SLIP, out="again")
-    assert "a second block that begins with 'Trajectories' left out" in out
+    assert "4 lines of a second block left out, such as 'Trajectories'" in out
     again = read_trial(tmp_path / "again/object/slip/trial_1.csv").raw
     np.testing.assert_allclose(again, one.values)
 
 
+def labview(one: Made, segments: int, comment: str, clock: np.ndarray) -> str:
+    """A measurement file; comment: what ends a row, whose last name is Comment."""
+    channels = "\t".join(TWO)
+    of_each = {"Samples": "100", "Y_Unit_Label": "N", "X_Dimension": "Time", "X0": "0"}
+    of_each |= {"Date": "2024/05/03", "Time": "10:11:12.345", "Delta_X": "0.010000"}
+    lines = ["LabVIEW Measurement\t", "***End_of_Header***\t"]
+    rows = np.column_stack([clock, one.values]).tolist()
+    for segment in np.array_split(np.arange(len(rows)), segments):
+        lines += ["", "Channels\t6" + "\t" * 6]
+        lines += ["\t".join([key, *[cell] * 6]) for key, cell in of_each.items()]
+        lines += ["***End_of_Header***\t", f"X_Value\t{channels}\tComment"]
+        lines += ["\t".join(f"{x:.4f}" for x in rows[k]) + comment for k in segment]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(("segments", "comment"), [(1, ""), (1, "\t"), (5, "\t")])
+def test_all_segments_of_a_measurement_of_labview_are_one_log_with_its_names(
+    run: Run, tmp_path: Path, segments: int, comment: str
+) -> None:
+    one = two_sensors()
+    (tmp_path / "logs").mkdir()
+    text = labview(one, segments, comment, one.t_s)
+    (tmp_path / "logs/a.lvm").write_text(text)
+    out = imported(run, tmp_path, *SLIP)
+    assert "X_Value [s], 100 Hz" in out
+    assert "P0_FX" in out
+    assert ("40 lines between the rows left out" in out) == (segments == 5)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_a_segment_of_labview_whose_clock_begins_anew_is_a_trial_of_its_own(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    (tmp_path / "logs").mkdir()
+    text = labview(one, 2, "\t", one.t_s % 2.5)
+    (tmp_path / "logs/a.lvm").write_text(text)
+    out = imported(run, tmp_path, *SLIP)
+    assert "a new trial" in out
+    assert "2 trials" in out
+
+
 HEADS = {
     "vicon": "Devices\n1000\n",
+    "a period": "# Sample rate (ms): 1\n",
+    "a period behind": "# Sampling interval = 1 [ms]\n",
+    "qualisys": "NO_OF_CAMERAS\t8\nFREQUENCY\t1000\nANALOG_FREQUENCY\t0\n",
     "labview": "LabVIEW Measurement\t\nDelta_X\t0.001\n***End_of_Header***\n",
 }
 
@@ -489,6 +535,16 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
         ("# Time units: ms\n", "N, checked: by size"),
         ("# all forces in psi, time in s\n", "(the log says psi)"),
         ("% readings (pounds)\n", "lbf, pounds in names, head or beside them"),
+        ("# recorded in Berlin by Anna\n", "N, checked: by size"),
+        ("# object mass (kg): 0.2\n", "N, checked: by size"),
+        ("# slips at 500 mN\n", "N, checked: by size"),
+        ("# Einheit: N\n", "N, N in names, head or beside them"),
+        ("# forces: gf\n", "gf, gf in names, head or beside them"),
+        ("# Units lbf\n", "lbf, lbf in names, head or beside them"),
+        ("FORCE_UNITS N\n", "N, N in names, head or beside them"),
+        ("# values are pounds-force\n", "lbf, pounds in names, head or beside them"),
+        ("# Unit: 0.01 N\n", "(the log says 0.01, N)"),
+        ("# Unit: N/100\n", "(the log says N/100)"),
     ],
 )
 def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
@@ -514,6 +570,92 @@ def test_thousands_have_a_sign_between_them(
     (tmp_path / "logs/a.csv").write_text("\n".join(lines))
     imported(run, tmp_path, *SLIP)
     assert press(raw(tmp_path)) == pytest.approx(3.0, rel=0.02)
+
+
+SIGNS = {
+    "German": (".", ",", ";", "{:,.0f}"),
+    "French": ("\u202f", ",", "\t", "{:,.1f}"),
+    "of the SI": (" ", ",", ";", "{:,.1f}"),
+    "Swiss": ("\u2019", ".", ";", "{:,.1f}"),
+    "American": (",", ".", ",", '"{:,.0f}"'),
+}
+
+
+@pytest.mark.parametrize("form", SIGNS)
+def test_signs_of_a_country_between_thousands_are_read_where_a_fraction_shows_its_sign(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    thousands, decimal, separator, spelled = SIGNS[form]
+    one = two_sensors()
+    names = ["t", *(f"{name} [mN]" for name in TWO)]
+    lines = [separator.join(names)]
+    signs = str.maketrans({",": thousands, ".": decimal})
+    for t_s, row in zip(one.t_s, 1e3 * one.values, strict=True):
+        cells = [f"{t_s:.3f}", *map(spelled.format, row)]
+        lines.append(separator.join(cell.translate(signs) for cell in cells))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines), encoding="utf-8")
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values, atol=5.1e-4)
+
+
+def test_dots_between_thousands_may_come_late_in_a_log_of_decimal_commas(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    one.values[:300, 2::3] *= 0.1
+    names = ["t", *(f"{name} [mN]" for name in TWO)]
+    lines = [";".join(names)]
+    for t_s, row in zip(one.t_s, 1e3 * one.values, strict=True):
+        cells = [f"{cell:,.0f}".replace(",", ".") for cell in row]
+        lines.append(";".join([f"{t_s:.2f}".replace(".", ","), *cells]))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines))
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values, atol=5.1e-4)
+
+
+def test_a_dot_before_some_fractions_is_none_of_thousands_beside_decimal_commas(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    lines = [";".join(["t", *TWO])]
+    for t_s, row in zip(one.t_s, one.values, strict=True):
+        cells = [f"{cell:.4f}".replace(".", ",") for cell in row]
+        lines.append(";".join([f"{t_s:.3f}", *cells]))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines))
+    assert "100 Hz" in imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [("a;b", "{} 234,5;{} 345,6"), ("Version 1.2\na;b", "{},234;{},345")],
+)
+def test_the_decimal_sign_is_that_of_the_rows(head: str, row: str) -> None:
+    lines = [*head.splitlines(), *(row.format(k, k) for k in range(1, 60))]
+    form = layout_of(tuple(lines)).form
+    assert (form.separator, form.decimal) == (";", ",")
+
+
+def test_whole_numbers_and_some_with_three_digits_behind_a_dot_are_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    lines = [";".join(["t", *(f"{name} [mN]" for name in TWO)])]
+    for k, row in enumerate(1e3 * one.values):
+        cells = [f"{cell:,.0f}".replace(",", ".") for cell in row]
+        lines.append(f"14:02:{k / 100:06.3f};" + ";".join(cells))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines))
+    out = imported(run, tmp_path, *SLIP, code=3)
+    assert "a.csv: some numbers of P0_FZ [mN] are whole, others as 2.987" in out
+    # three decimals of which nearly every number has all, or shorter ones, are fractions
+    for decimals in (2, 3):
+        values = one.values.round(decimals)
+        write_log(tmp_path / "logs/a.csv", one, values, ["t", *TWO])
+        imported(run, tmp_path, *SLIP, out=f"set{decimals}")
 
 
 # -- quantities
@@ -1109,12 +1251,23 @@ def test_an_object_beside_a_log_names_its_trial_and_when_it_fell(
     assert [slip["t0_s"] for slip in slips] == [3.0]
 
 
-def test_an_object_without_a_time_of_the_drop_is_a_trial_in_which_nothing_falls(
+def test_a_broken_object_that_is_called_as_a_log_is_refused_by_its_name(
     run: Run, tmp_path: Path
 ) -> None:
-    for k, at_s in ((1, 3.0), (2, None)):
+    write_log(tmp_path / "logs/cup_1.csv", made(1))
+    (tmp_path / "logs/cup_1.json").write_text('{"subject": "anna", ')
+    assert "cup_1.json: cannot be read" in imported(run, tmp_path, *SLIP, code=3)
+    (tmp_path / "logs/cup_1.json").rename(tmp_path / "logs/settings.json")
+    assert "not read: settings.json" in imported(run, tmp_path, *SLIP)
+
+
+@pytest.mark.parametrize("no_time", [None, float("nan")])
+def test_an_object_without_a_time_of_the_drop_is_a_trial_in_which_nothing_falls(
+    run: Run, tmp_path: Path, no_time: float | None
+) -> None:
+    for k, at_s in ((1, 3.0), (2, no_time)):
         write_log(tmp_path / f"logs/rec_{k}.csv", made(k))
-        facts = {"subject": f"p{k}", "success": at_s is None, "drop_time_s": at_s}
+        facts = {"subject": f"p{k}", "success": k == 2, "drop_time_s": at_s}
         (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(facts))
     assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
 
@@ -1169,14 +1322,28 @@ def test_a_list_in_an_object_that_holds_no_events_is_named(
     assert "what happens in these trials?" in asked
 
 
+def test_a_list_of_numbers_in_an_object_beside_a_log_is_named(
+    run: Run, tmp_path: Path
+) -> None:
+    write_log(tmp_path / "logs/cup_1.csv", made(1))
+    facts = {"subject": "anna", "slip_times": [3.0]}
+    (tmp_path / "logs/cup_1.json").write_text(json.dumps(facts))
+    out = imported(run, tmp_path, *SLIP)
+    assert "not used   *.json (columns slip_times)" in out
+
+
 @pytest.mark.parametrize(
     ("name", "data", "says"),
     [
         ("a.mat", b"MATLAB 5.0", "a.mat is a MATLAB file"),
         ("a.h5", b"\x89HDF", "a.h5 is HDF5"),
         ("a.npy", b"\x93NUMPY", "a.npy is numpy"),
+        ("b.npy", b"\x93NUMPY{'a': '<f8', 'shape': (5, 3), }\n\0\0", "b.npy is numpy"),
         ("a.png", b"\x89PNG", "a.png is a picture"),
         ("a.csv", b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer"),
+        ("a.tdms", b"TDSm", "a.tdms is of LabVIEW"),
+        ("a.pkl", b"\x80\x04", "a.pkl is a pickle"),
+        ("a.jsonl", b'{"t": 0.0, "fx": 0.1}\n', "save it as CSV"),
     ],
 )
 def test_what_is_refused_names_a_file_that_was_seen(
@@ -1184,4 +1351,6 @@ def test_what_is_refused_names_a_file_that_was_seen(
 ) -> None:
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / name).write_bytes(data)
+    # which tells less
+    (tmp_path / "logs/README.md").write_text("# slips\n")
     assert says in imported(run, tmp_path, code=3)

@@ -24,9 +24,17 @@ from holdfast.core.errors import ColumnError
 SPACES = " "
 """Any number of them, or of tabs, between two cells."""
 SEPARATORS = ("\t", ";", "|", ",", SPACES)
-SIGNS = ((".", ""), (",", ""), (".", ","), (".", "'"), (",", "."))
+SIGNS = ((".", ""), (",", "."), (",", ""), (".", ","))
 """Before the fraction of a number, and between its thousands."""
-COMMENTS = ("#", "%", "//", "!")
+THOUSANDS = re.compile(r"(?<=\d)[ \xa0\u202f'\u2019](?=\d{3}(?!\d))")
+"""Between thousands, never before a fraction: a space, also a narrow one, or an apostrophe."""
+COMMENTS = (
+    "#", "%", "//", "!", "***", "Channels\t", "Samples\t", "Date\t", "Time\t", "Y_Unit_Label\t",
+    "X_Dimension\t", "X0\t", "Delta_X\t", "X_Value\t",
+)  # fmt: skip
+"""How a line begins that is no row. The longer ones are of LabVIEW, whose heads have as many cells
+as rows, and stand again above each segment.
+"""
 JUDGED_ROWS = 60
 """The last rows of the beginning of a file, which are data in any file with enough of them."""
 MISSING = (
@@ -41,10 +49,12 @@ ARRIVAL = re.compile(
 )
 """A time before a line, of day or, of ESP-IDF, in ms."""
 STAMP = re.compile(
-    rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}"
+    rf"(?:\d\d?[-./](?:\d\d?|[A-Z][a-z]{{2}})[-./]\d{{4}}[T ])?{CLOCK}"
+    r"\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?"
 )
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
-KNOWN = re.compile(rf"(?i:{_NUMBER})|{STAMP.pattern}")
+KNOWN = re.compile(rf"(?i:{_NUMBER})(?: sec)?|{STAMP.pattern}")
+"""A cell that says something; MATLAB writes `sec` behind a duration."""
 _CELL = rf"(?:{_NUMBER}|nan|none|null)"
 GAP = r"[\s,;]+"
 """Between the numbers of a vector."""
@@ -56,19 +66,40 @@ FEWEST_PAIRS = 3
 NUMBER_HZ = r"(?<![\d.,])(\d+(?:\.\d+)?)"
 RATE = re.compile(
     r"(?im)(?:^\W*rate|\bfs|\b(?:sampl\w*|acqui\w*|scan|abtast)[-_ ]*(?:rate|freq\w*?))(?![a-z])"
-    rf"(?:.*?(?={NUMBER_HZ}[\s,;]*hz)|[^\dk\n]*(?={NUMBER_HZ}\W*$))"
+    rf"(?:.*?(?={NUMBER_HZ}[\s,;]*hz)|(?:(?!\b[mu]?s\b)[^\dk\n])*(?={NUMBER_HZ}\W*$))"
+    rf"|^(?-i:(?:ANALOG_)?FREQUENCY)\t(?=[1-9]){NUMBER_HZ}$"
     rf"|^\W*(?:devices|trajectories|model outputs)\W*\n(?={NUMBER_HZ}\W*$)"
 )
 """What a line above the names says of the rate, in Hz; of Vicon, the line below a block's name."""
-PERIOD = re.compile(r"(?im)^delta_x\s+(?=[\d.,]*[1-9])(\d*[.,]?\d+(?:e-?\d+)?)")
-"""What LabVIEW says of the time between two rows, in s."""
-HEAD_UNIT = re.compile(
-    r"(?im)(?:(?<![a-z])units?(?:[ _]label)?[ \t]*[:=,;\t][\W_]*|\bin\s+|^[#%!/].*?[\[(])"
-    r"([^\W\d_]+)"
+PERIOD = re.compile(
+    r"(?im)(?:^delta_x\s+(?=[\d.,]*[1-9])"
+    r"|\bsampl\w*[-_ ]*(?:rate|period|interval)(?=.*\b(ms)\b)\W+(?:ms\W+)?)"
+    r"(\d*[.,]?\d+(?:e-?\d+)?)"
 )
-"""Words of units in the lines above the names; also those of other quantities."""
-GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' ]\d{3})+([.,]\d*)?")
+"""What is said of the time between two rows, in s, by LabVIEW, or in ms."""
+_FORCE = (
+    r"(?-i:[mcdk]N|[muµ]T|gf)|kgf|lbf|ozf|(?:milli)?newtons?|gauss|(?:micro|milli)?teslas?"
+    r"|(?:kilo)?grams?[- ]force|(?:pounds?|ounces?)[- ]force"
+)
+HEAD_UNIT = re.compile(
+    r"(?im)(?:(?<![a-z])(?:units?|unités?|einheit(?:en)?)(?:[ _]label)?"
+    r"(?:[ \t]*[:=,;\t][^\w\n]*|[ \t]+(?=\S+[ \t]*$))"
+    r"|\b(?:forces?|readings?|values?|loads?)[ \t]+(?:are[ \t]+)?in[ \t]+"
+    r"|^[#%!/](?!.*(?:mass|weight|gewicht)).*?[\[(](?=\w+[\])])"
+    rf"|(?<![^\W_])(?<!\d )(?<!per )(?<!from )(?=(?:{_FORCE})[^\w\n]*$))"
+    r"((?:\d[\d.,e^-]*[ \t]*)?[^\W\d_]+(?:[ \t]*(?:[*/x·×^]|per\b)[ \t]*[\w.^-]+)*)"
+)
+"""What the lines above the names say of units, also of other quantities: behind `unit` or `in`, a
+word in brackets, a unit of force at the end of a line. One with a factor is asked.
+"""
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.]\d{3})+([.,]\d*)?")
 """A number with a sign between its thousands."""
+FRACTION = re.compile(
+    r'(?m)(?<![^\s;|",])[-+]?(?:0(\.)\d+|\d+(\.)(?:\d\d?|\d{4,}))(?![^\s;|",])'
+    r'|(?<![^\s;|"])[-+]?(?:0(,)\d+|\d+(,)(?:\d\d?|\d{4,}))(?![^\s;|"])'
+)
+"""A sign that stands before a fraction: other than three digits follow, or a zero is before it."""
+LABVIEW = re.compile(r"^X_Value(?=\t.*\tComment\s*$)")
 MOST_HEADING_ROWS = 3
 """Groups, names and units."""
 Cells = list[str]
@@ -95,26 +126,30 @@ class Form:
         line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
         line = PAIR.sub("", line) if self.has_names else line
         if mark == SPACES:
-            return re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line).split()
+            # a space that does not break stands within a cell
+            line = re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line)
+            return re.split("[ \t]+", line.strip())
         # a power cut leaves zeros at the end
         reader = csv.reader([line.strip(" \r\n\0")], delimiter=mark)
         cells = [cell.strip() for row in reader for cell in row]
-        if self.thousands:
-            for k, found in enumerate(map(GROUPED.fullmatch, cells)):
-                cells[k] = cells[k].replace(self.thousands, "") if found else cells[k]
-        return cells
+        return [
+            cell.replace(self.thousands, "") if GROUPED.fullmatch(cell) else cell
+            for cell in cells
+        ]
 
     def share(self, cells: Sequence[str]) -> float:
         """How many of the cells that hold something are numbers, dates or times of day."""
         filled = [
-            cell.replace(self.decimal, ".") for cell in cells if cell not in MISSING
+            THOUSANDS.sub("", cell).replace(self.decimal, ".")
+            for cell in cells
+            if cell not in MISSING
         ]
         return sum(map(bool, map(KNOWN.fullmatch, filled))) / max(1, len(filled))
 
 
 @dataclass(frozen=True)
 class TableLayout:
-    """names: of the columns. first_row: index of the first line of numbers.
+    """names: of the columns. first_row: index of the first line of numbers; heading: that above it.
 
     is_plain: whether pandas can read the lines as they stand. numeric: the columns that hold
     numbers in the first lines. about: what the lines above the names say: the rate, None where they
@@ -127,6 +162,7 @@ class TableLayout:
     is_plain: bool
     numeric: Cells
     about: Json
+    heading: str
 
 
 @lru_cache(maxsize=32)
@@ -141,7 +177,14 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
     # the last line may be cut off
     has_names = len(PAIR.findall(" ".join(judged[-2:-1]))) > FEWEST_PAIRS
-    forms = [Form(one, *two, has_names) for one in SEPARATORS for two in SIGNS]
+    numbers = "\n".join(filter(KNOWN.match, data))
+    decimals = {max(found) for found in FRACTION.findall(numbers)}
+    forms = [
+        Form(one, *two, has_names)
+        for one in SEPARATORS
+        for two in SIGNS
+        if two[0] in (decimals or ".,") and two[1] not in decimals
+    ]
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     if not share:
@@ -156,7 +199,11 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
     # a heading may begin with a time of arrival
     are_data = [len(row) == wide and form.share(row) > 0.5 * share for row in rows]
     first = are_data.index(True)
-    names = _unique(_heading(lines[:first], data[first], form))
+    # a time in s, of LabVIEW
+    head = [
+        LABVIEW.sub("X_Value [s]", line) for line in filter(str.strip, lines[:first])
+    ]
+    names = _unique(_heading(head, data[first], form))
     whole = [row for row in rows[first:] if len(row) == wide]
     columns = zip(names, *whole, strict=True)
     numeric = [name for name, *cells in columns if form.share(cells) >= 0.5]
@@ -164,7 +211,8 @@ def layout_of(lines: tuple[str, ...]) -> TableLayout:
     between = re.compile(rf'[\s"{form.separator}]')
     cells = "".join("".join(row) for row in rows[first:])
     is_plain = between.sub("", "".join(data[first:])) == between.sub("", cells)
-    return TableLayout(form, names, first, is_plain, numeric, _about(lines[:first]))
+    heading = lines[first - 1].strip()
+    return TableLayout(form, names, first, is_plain, numeric, _about(head), heading)
 
 
 def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:
@@ -174,11 +222,6 @@ def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:
     wide = max(counts, key=lambda cells: (counts[cells], cells), default=0)
     cells = [cell for row in rows for cell in row if len(row) == wide]
     share = form.share(cells) * counts[wide] / len(rows) if wide > 1 else 0.0
-    marked = [cell for cell in cells if "," in cell]
-    is_rare = form.decimal == "," and len(marked) < 0.9 * len(cells)
-    if is_rare and all(map(GROUPED.fullmatch, marked)):
-        # a comma that stands only in numbers from 1000 on, before three digits, is no decimal sign
-        share *= 0.9
     return round(share, 3), wide
 
 
@@ -186,7 +229,10 @@ def _about(head: Sequence[str]) -> Json:
     """The rate, Hz, and the words of units in the lines above a table."""
     text = "\n".join(head)
     rates = {float(max(found)) for found in RATE.findall(text)}
-    rates |= {1.0 / float(step.replace(",", ".")) for step in PERIOD.findall(text)}
+    rates |= {
+        1.0 / float(step.replace(",", ".") + "e-3" * bool(ms))
+        for ms, step in PERIOD.findall(text)
+    }
     rate_hz = rates.pop() if len(rates) == 1 else None
     return {"rate_hz": rate_hz, "unit": " ".join(HEAD_UNIT.findall(text))}
 
@@ -202,15 +248,17 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
     data = ARRIVAL.sub(rf"\1\2{form.separator}", data)
     below = form.cells(VECTOR.sub("[vector]", data))
     names = [""] * len(below)
-    filled = [line for line in above if line.strip()]
     if form.has_names:
-        filled = [form.separator.join(PAIR.findall(data))]
-    for line in reversed(filled[-MOST_HEADING_ROWS:]):
-        row = form.cells(line.lstrip(f" {''.join(COMMENTS)}"))
+        above = [form.separator.join(PAIR.findall(data))]
+    for line in reversed(above[-MOST_HEADING_ROWS:]):
+        row = form.cells(line.lstrip(" #%/!"))
         if len(row) == len(below) - 1:
             # a time of arrival has no name, and none stands above the row names of pandas and R;
             # others end their rows by a separator
             row = ["", *row] if below[-1] else [*row, ""]
+        if row[-1:] == ["Comment"] and len(row) > len(below):
+            # rows without one leave it out
+            row.pop()
         if len(row) != len(below):
             break
         is_group, last = any(names), ""

@@ -7,6 +7,7 @@ that begins like a table is one, whatever it is called.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -34,11 +35,15 @@ POINTER = b"version https://git-lfs"
 FOREIGN = {
     "a MATLAB file: save its columns as CSV": ".mat",
     "HDF5: save its tables as CSV or Parquet": ".h5 .hdf5 .hdf",
-    "numpy: save it by numpy.savetxt as CSV": ".npy .npz .pkl .pickle .pt",
+    "numpy: save it by numpy.savetxt as CSV": ".npy .npz",
+    "a pickle: save its columns as CSV": ".pkl .pickle .pt",
+    "JSON in lines: save it as CSV": ".jsonl .ndjson",
+    "of LabVIEW: save it as text (LVM)": ".tdms",
+    "an old workbook: save it as .xlsx": ".xls",
     "a picture or a film": ".png .jpg .jpeg .bmp .tif .tiff .mp4 .avi",
     "packed: unpack it": ".zip .gz .7z .tar .rar",
     "a bag of ROS 1: rosbags-convert makes one of ROS 2": ".bag",
-    "a recording of a camera system: export it as CSV": ".c3d .trc .tdms",
+    "a recording of a camera system: export it as CSV": ".c3d .trc",
 }
 """What others write and nothing here reads -> endings."""
 
@@ -68,6 +73,10 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     for place in places:
         wide = _columns_of(place)
         if not wide and place.path != source:
+            if place.kind == SCALARS and place.name in named:
+                # what is broken here is said, not that the log has no facts
+                with suppress(EmptyRecording):
+                    read_log(place)
             others.append(place.path.name)
             continue
         first = named.setdefault(place.name, place)
@@ -77,7 +86,9 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
             others.append(f"{place.path.name} (as {first.path.name})")
 
     if all(place.kind == SCALARS for place in found):
-        seen = next((path for path in source.rglob("*") if path.is_file()), source)
+        # one that tells more than others
+        paths = (place.path for place in places)
+        seen = max(paths, key=_what_it_is, default=source)
         what = _what_it_is(seen) or "no table"
         raise DataNotFound(
             f"no log here; {seen.name} is {what}",
@@ -151,7 +162,8 @@ def _columns_of(place: LogPlace) -> int:
         if place.kind in MODULES:
             return LABEL_COLUMNS + 1
         layout, _ = begin_of(place.path)
-    except DataError:
+    except (DataError, ValueError):
+        # bytes that only look like cells
         return 0
 
     wide = len(layout.names)

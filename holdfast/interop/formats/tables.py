@@ -25,6 +25,7 @@ from holdfast.interop.formats.layout import (
     MISSING,
     SPACES,
     STAMP,
+    THOUSANDS,
     TableLayout,
     layout_of,
 )
@@ -83,18 +84,21 @@ def _made_plain(
     """Write the rows of a table as pandas reads them: (how many, notes). Raises ColumnError.
 
     What stands between the rows is left out, and lines of another number of cells. The table ends
-    with an empty line, where what follows is no row of it.
+    with an empty line, where what follows is no row of it; a further block goes on with it where
+    the heading is the same.
     """
     form, n_names = layout.form, len(layout.names)
     mark = None if form.separator == SPACES else form.separator
     writer = csv.writer(plain, delimiter=form.separator)
     torn: list[str] = []
     others: list[str] = []
-    notes: list[str] = []
+    block: list[str] = []
     n_rows, was_empty = 0, False
     for line in islice(lines, layout.first_row, None):
         is_row = layout.is_plain and len(line.split(mark)) == n_names
-        if is_row and not (was_empty or line[0] in COMMENTS):
+        # a dot between thousands is to be taken out
+        is_dotted = form.thousands == "." in line
+        if is_row and not (block or was_empty or is_dotted or line[0] in COMMENTS):
             plain.write(line)
             n_rows += 1
             continue
@@ -104,17 +108,19 @@ def _made_plain(
             continue
         cells = form.cells(line)
         is_row = len(cells) == n_names and not text.startswith(COMMENTS)
-        if was_empty and not (is_row and form.share(cells)):
-            notes = [f"a second block that begins with {text!r:.40} left out"]
-            break
-        was_empty = False
+        is_ours = block[-1] == layout.heading if block else form.share(cells)
+        if (block or was_empty) and not (is_row and is_ours):
+            block.append(text)
+            continue
+        others += block
+        block, was_empty = [], False
         if is_row:
             writer.writerow(cells)
             n_rows += 1
         elif text.startswith(COMMENTS) or text[0].isalpha():
-            others.append(text[:40])
+            others.append(text)
         else:
-            torn.append(text[:40])
+            torn.append(text)
 
     if len(torn) > MOST_TORN * n_rows:
         raise ColumnError(
@@ -122,11 +128,16 @@ def _made_plain(
             cause="a row that goes on in the next line, or several tables in one file",
             next_step="write each row as one line, and each table as a file",
         )
-    kinds = {"of another number of cells": torn, "between the rows": others}
+    kinds = {
+        "of another number of cells": torn,
+        "between the rows": others,
+        "of a second block": block,
+    }
+    notes = []
     for what, left in kinds.items():
         if left:
             count = count_of(len(left), "line")
-            notes.append(f"{count} {what} left out, such as {left[0]!r}")
+            notes.append(f"{count} {what} left out, such as {left[0][:40]!r}")
     return n_rows, notes
 
 
@@ -212,6 +223,12 @@ def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
         column = _typed(cells[name], name, layout.form.decimal, notes)
         if not is_text(column):
             there |= np.isfinite(column)
+            if _are_thousands(column):
+                raise ColumnError(
+                    f"some numbers of {name} are whole, others as 2.987",
+                    next_step="write numbers without signs between thousands, or all of them with "
+                    "as many decimals",
+                )
         elif name.startswith("column") and not any(column):
             # behind a separator at the end of every line
             continue
@@ -224,6 +241,17 @@ def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
     return Stream(columns, notes=tuple(notes))
 
 
+def _are_thousands(column: Column) -> bool:
+    """Whether many numbers are whole, and all others as 2.987, none below 1 as a fraction is."""
+    thousandths = (1000.0 * np.abs(column[::7])).round(6)
+    n_whole = np.sum(thousandths % 1000 == 0) - np.sum(thousandths == 0)
+    others = thousandths[thousandths % 1000 > 0]
+    # but for 1 in 10 the last digit is there
+    n_alike = np.sum(np.isin(others % 10, range(1, 10)) & (others < 1e6))
+    are_both = 0.75 * len(others) < n_alike < 20 * n_whole
+    return bool(are_both and n_whole > 9 and others.min() > 1000)
+
+
 def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
     if not is_text(column):
@@ -233,8 +261,10 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     first = next(iter(filled), "")
     if STAMP.fullmatch(first):
         return _stamps(cells, first)
-    texts = filled.str.replace(decimal, ".", regex=False)
-    numbers = pd.to_numeric(texts, errors="coerce")
+    texts = filled.str.removesuffix(" sec").str.replace(THOUSANDS, "", regex=True)
+    numbers = pd.to_numeric(
+        texts.str.replace(decimal, ".", regex=False), errors="coerce"
+    )
     words = filled[numbers.isna()]
     if 2 * len(words) >= len(filled):
         return cells.to_numpy(object)
@@ -253,11 +283,12 @@ def _stamps(cells: pd.Series, first: str) -> Column:
     """
     # some write a comma or a colon before the fraction of a second
     texts = cells.str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
-    date = re.match(r"(\d{4}-)|\d+[./-]\d+[./-]\d", first)
+    date = re.match(r"(\d{4}-)|\d+[./-]\w+[./-]\d", first)
     dates = pd.to_datetime(
         ("" if date else "1970-01-01 ") + texts.str.rstrip(" APM"),
         format="mixed" if date and not date[1] else "ISO8601",
-        dayfirst=True,
+        # where noon divides the day, a month stands before it
+        dayfirst=not first.endswith("M"),
         utc=True,
         errors="coerce",
     )

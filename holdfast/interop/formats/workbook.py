@@ -1,7 +1,7 @@
 """Sheets of Excel workbooks by openpyxl, which only this module imports.
 
 A sheet is read as the text that it would be, and is a stream. Of tables with an empty row between
-them the first is read.
+them the first is read, and those with its names.
 """
 
 from __future__ import annotations
