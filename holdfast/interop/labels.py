@@ -192,14 +192,16 @@ def is_off(cells: Sequence[str] | np.ndarray) -> np.ndarray:
 def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
     """Label -> situation, "" for none, as given or by its words; none where they say nothing."""
     meanings = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
-    for kind in [
-        one for one in meanings if re.search(r"\D0$", one) and one not in known
-    ]:
-        # of slip_0 and slip_1 one marks no slip
-        for other in meanings.keys() - known.keys():
-            if re.sub(r"\d+$", "", other) == kind[:-1]:
-                meanings[other] = None
-    return {kind: meaning for kind, meaning in meanings.items() if meaning is not None}
+    # of slip_0 and slip_1 one marks no slip
+    off = {
+        kind[:-1] for kind in meanings.keys() - known.keys() if re.search(r"\D0$", kind)
+    }
+    return {
+        kind: meaning
+        for kind, meaning in meanings.items()
+        if meaning is not None
+        and (kind in known or re.sub(r"\d+$", "", kind) not in off)
+    }
 
 
 # -- what a table of events means
@@ -217,31 +219,18 @@ def rules_of_table(
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
-    start, end, label = (*numbers[:2], *texts, "", "", "")[:3]
-    starts: list[str] = []
+    # a table without a heading is a track of labels: start, end, label
+    starts, end, label = numbers[:1], (*numbers[1:2], "")[0], (*texts, "")[0]
     if "column1" not in columns:
-        # else it has no heading, as a track of labels
-        numbers = [name for name in numbers if not says(name, OTHER_TIMES)]
-        ends = [name for name in numbers if says(name, END)]
-        numbers = [name for name in numbers if name not in ends]
-        by_words = (
-            [name for name in numbers if says(name, one)] for one in (BEGIN, TIME, ROWS)
-        )
-        starts = next(filter(None, by_words), [])
-        timed = [name for name in numbers if says(name, START)]
-        # of the times of several events that of the slip
-        slips = [name for name in timed if situation_of_word(name) == "risky_slip"]
-        start = (*slips, *starts, "")[0]
-        starts = [] if slips else starts
-        if situation_of_word(start):
-            # its end is that of the same event, not of the trial
-            said = {word for word in words_of(start) if meaning(word, _SITUATIONS)}
-            ends = [name for name in ends if said & words_of(name)]
-        end = (*ends, "")[0]
-        label = "" if situation_of_word(start) else _named(texts, LABEL)
-    if not start:
+        starts, end = _start_and_end(numbers)
+        label = next((name for name in texts if says(name, LABEL)), "")
+    if not starts:
         return None
-    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
+    start = starts[0]
+    about = situation_of_word(start)
+    if about:
+        label = ""
+    about = about or situation_of_word(Path(file).stem) or ""
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
     labels = _by_words(kinds, known) if label else {"": about}
     unknown = [kind for kind in kinds if kind not in labels]
@@ -262,7 +251,7 @@ def rules_of_table(
         hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
-    return LabelMeanings(rules, unknown, starts=starts if len(starts) > 1 else ())
+    return LabelMeanings(rules, unknown, starts=starts[1:] and starts)
 
 
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
@@ -273,9 +262,24 @@ def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     return is_text(columns[name]) and len(found) > 1
 
 
-def _named(names: Sequence[str], wanted: str) -> str:
-    """The first name that has one of some words; "" for none."""
-    return next((name for name in names if says(name, wanted)), "")
+def _start_and_end(names: Sequence[str]) -> tuple[list[str], str]:
+    """(the columns any of which may be the start of an event, that of its end), by headings."""
+    names = [name for name in names if not says(name, OTHER_TIMES)]
+    ends = [name for name in names if says(name, END)]
+    others = [name for name in names if name not in ends]
+    slips = [name for name in others if situation_of_word(name) == "risky_slip"]
+    slips = [name for name in slips if says(name, START)]
+    starts: list[str] = []
+    for words in (BEGIN, TIME, ROWS):
+        starts = starts or [name for name in others if says(name, words)]
+    if slips:
+        # of the times of several events that of the slip
+        starts = slips[:1]
+    if starts and situation_of_word(starts[0]):
+        # its end is that of the same event, not of the trial
+        said = {word for word in words_of(starts[0]) if meaning(word, _SITUATIONS)}
+        ends = [name for name in ends if said & words_of(name)]
+    return starts, (*ends, "")[0]
 
 
 def zeros_of(
@@ -290,21 +294,19 @@ def zeros_of(
     if rules.unit == ROW or not len(times):
         return ["log"]
     first_s, last_s = (
-        end * NS_OF[rules.unit] * 1e-9 for end in (times.min(), times.max())
+        1e-9 * NS_OF[rules.unit] * one for one in (times.min(), times.max())
     )
     begins_s, ends_s = np.transpose(spans_s)
-    late_s = (LATE - 1.0) * max(ends_s - begins_s)
-    is_of_clock = (
-        max(SOON_S, min(begins_s)) < first_s and last_s <= max(ends_s) + late_s
-    )
-    is_of_log = last_s <= max(ends_s - begins_s) + late_s
+    longest_s = max(ends_s - begins_s)
+    late_s = (LATE - 1.0) * longest_s
+    zeros: list[Literal["log", "clock"]] = []
+    if last_s <= longest_s + late_s:
+        zeros.append("log")
     # where the clock begins at 0, both are the same
-    is_of_clock &= min(begins_s) > SOON_S or not is_of_log
-    zeros: dict[Literal["log", "clock"], bool] = {
-        "log": is_of_log,
-        "clock": is_of_clock,
-    }
-    return [zero for zero, fits in zeros.items() if fits]
+    is_same = bool(zeros) and min(begins_s) <= SOON_S
+    if not is_same and min(begins_s) < first_s and last_s <= max(ends_s) + late_s:
+        zeros.append("clock")
+    return zeros
 
 
 # -- the events of a trial
