@@ -106,7 +106,7 @@ def is_union(values: FloatArray) -> bool:
 
 def without_repeats(stream: Stream) -> Stream:
     """A table without rows that stand twice: the same time, and all else the same."""
-    same = np.ones(max(0, stream.rows - 1), dtype=np.bool_)
+    same = np.ones(stream.rows - 1, dtype=np.bool_)
     for column in stream.columns.values():
         same &= column[1:] == column[:-1]
     time = find_time(stream.columns) if same.any() else None
@@ -145,7 +145,8 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     A name that no stream has is left out. The clock is that of the slowest of several streams; what
     was not sent about a row is nan there. Labels of a stream of their own hold until the next one.
     """
-    used = [one for one in log.streams if one.columns.keys() & set(names)]
+    wanted = set(names)
+    used = [one for one in log.streams if one.columns.keys() & wanted]
     if not used:
         return {}
     stamps = [one.t_ns for one in used if one.t_ns is not None]
@@ -158,21 +159,23 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     if len(used) == 1:
         whole = whole.assign(**used[0].columns)
     for stream in log.streams:
-        if stream.t_ns is None or [stream] == used:
+        if stream.t_ns is None:
             continue
-        is_label = stream not in used
-        table = pd.DataFrame({LOG_TIME: stream.t_ns})
+        is_label = not stream.columns.keys() & wanted
+        table = {LOG_TIME: stream.t_ns}
         for name, column in stream.columns.items():
-            if name not in whole and not (is_label and has_parts(column)):
+            # a label is a text or a whole number
+            is_other = is_label and not is_text(column) and (column % 1 > 0).any()
+            if name not in whole and not is_other:
                 table[name] = column
-        table = table.sort_values(LOG_TIME, kind="stable")
-        whole = pd.merge_asof(
-            whole.sort_values(LOG_TIME),
-            table,
-            on=LOG_TIME,
-            direction="backward" if is_label else "nearest",
-            tolerance=None if is_label else max(1, int(NEAR_STEPS * slowest)),
-        )
+        if len(table) > 1:
+            whole = pd.merge_asof(
+                whole.sort_values(LOG_TIME),
+                pd.DataFrame(table).sort_values(LOG_TIME, kind="stable"),
+                on=LOG_TIME,
+                direction="backward" if is_label else "nearest",
+                tolerance=None if is_label else max(1, int(NEAR_STEPS * slowest)),
+            )
     return columns_of(whole)
 
 
@@ -182,16 +185,16 @@ def with_labels(columns: Columns, names: Collection[str]) -> Columns:
     Such as the labels in a row for each message of any topic. names: of the readings.
     """
     is_reading = np.zeros(len(columns[next(iter(columns))]), dtype=np.bool_)
-    for name in names:
-        is_reading |= np.isfinite(columns[name]) if name in columns else False
-    for name, column in columns.items() if not is_reading.all() else ():
-        cells = pd.Series(column).replace("", np.nan)
-        if name not in names and cells[is_reading].isna().all() and cells.notna().any():
-            filled = cells.ffill()
-            columns[name] = (
-                filled.fillna("") if is_text(column) else filled
-            ).to_numpy()
-    return columns
+    for name in columns.keys() & names:
+        is_reading |= np.isfinite(columns[name])
+    if is_reading.all():
+        return columns
+    held = {}
+    for name in columns.keys() - names:
+        cells = pd.Series(columns[name]).replace("", np.nan)
+        if cells[is_reading].isna().all() and cells.notna().any():
+            held[name] = cells.ffill()
+    return columns | columns_of(pd.DataFrame(held))
 
 
 def step_ns(stamps: IntArray) -> float:
@@ -207,8 +210,3 @@ def columns_of(table: pd.DataFrame) -> Columns:
         is_word = is_text(cells.to_numpy())
         columns[str(name)] = (cells.fillna("") if is_word else cells).to_numpy()
     return columns
-
-
-def has_parts(column: Column) -> bool:
-    """Whether a column holds numbers that are not whole."""
-    return not is_text(column) and bool((column % 1 > 0).any())
