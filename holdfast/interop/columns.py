@@ -52,6 +52,7 @@ BRACKETS = re.compile(rf"[\[(](?!(?:{NO_UNIT})[\])])(.+?)[\])]")
 UNITS_FIRST = {None: 1, "count": 2}
 """Of what stands in brackets; 0 for units of force and of field."""
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
+"""A name of a field, whose size is no press."""
 PRESS_N = (0.2, 60.0)
 """A press of people, N."""
 TARED = 0.25
@@ -187,7 +188,7 @@ def usual_step(values: FloatArray) -> float:
 
 
 def unit_of(
-    names: Sequence[str], values: FloatArray, effects: FloatArray, head: str = ""
+    names: Sequence[str], values: FloatArray, effects: FloatArray, head: str
 ) -> Evidence[str]:
     """The unit of channels [T, C] by their names, such as `x [mN]`; "" where it must be asked.
 

@@ -32,8 +32,6 @@ TWICE = 0.45
 """Of the rows: so many stood before in a log that holds itself twice."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
-SHEET = "sheet"
-"""The column that names the sheet of a row, where several are one table."""
 
 
 def whole_stamps(stream: Stream) -> Stream:
@@ -97,20 +95,23 @@ def is_union(values: FloatArray) -> bool:
     """Whether each row is of one topic, so that none, or few by chance, have all; values [T, C]."""
     there = np.isfinite(values)
     there = there[there.any(axis=1)][:, there.any(axis=0)]
-    share = there.all(axis=1).sum() / max(1, len(there))
-    if not share or share >= 0.5:
-        return not share
+    are_whole = there.all(axis=1)
+    if not are_whole.any():
+        return True
     # what is lost is seldom lost, or for long
-    return bool(there.mean() < 0.9 and np.diff(there, axis=0).mean() > OFTEN)
+    is_sparse = are_whole.mean() < 0.5 and there.mean() < 0.9
+    return bool(is_sparse and np.diff(there, axis=0).mean() > OFTEN)
 
 
 def without_repeats(stream: Stream) -> Stream:
     """A table without rows that stand twice: the same time, and all else the same."""
+    if stream.t_ns is not None:
+        return stream
     same = np.ones(stream.rows - 1, dtype=np.bool_)
     for column in stream.columns.values():
         same &= column[1:] == column[:-1]
     time = find_time(stream.columns) if same.any() else None
-    if stream.t_ns is not None or time is None or not time.value.column:
+    if time is None or not time.value.column:
         return stream
     keep = np.append(True, ~same)
     columns = {name: column[keep] for name, column in stream.columns.items()}
@@ -122,13 +123,13 @@ def united(same: list[Stream]) -> Stream:
     """Streams of the same columns as one.
 
     One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
-    column with their names.
+    column `sheet` with their names.
     """
     if len(same) == 1:
         return same[0]
     longest = max(same, key=lambda one: one.rows)
     if longest.t_ns is None:
-        sheets = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
+        sheets = [pd.DataFrame(one.columns).assign(sheet=one.name) for one in same]
         return replace(longest, columns=columns_of(pd.concat(sheets)))
     same.sort(key=lambda one: one.t_ns[0])  # type: ignore[index]
     t_ns = np.concatenate([one.t_ns for one in same])
@@ -151,7 +152,7 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
         return {}
     stamps = [one.t_ns for one in used if one.t_ns is not None]
     if len(stamps) < len(used):
-        return with_labels(dict(used[0].columns), names)
+        return with_labels(used[0].columns, names)
     # of equally slow streams that which lost the least
     slowest = max(map(step_ns, stamps))
     t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))

@@ -96,13 +96,13 @@ def find_sensors(
     columns: Columns,
     longest: Columns,
     marks: Collection[str],
-    chosen: str = "",
-    is_joined: bool = False,
+    chosen: str,
+    is_joined: bool,
 ) -> Evidence[list[SensorColumns]]:
     """The sensors of a log in the order in which people count; none where they must be asked for.
 
     By the names of all its columns, else by what those of its longest stream hold. marks: the
-    columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
+    columns that may hold labels. chosen: patterns of names, as given, by commas; "" for none.
     is_joined: of files, whose words stand before a dot in the names.
     """
     names = []
