@@ -78,7 +78,8 @@ def find_time(
         if counts and not unit_of_time(name):
             # one that begins anew, but for that of 8, 16 or 32 bits, counts no rows
             signs = np.sign(np.diff(unwrapped(column, 1.0)))
-            counter = counter or (name if np.ptp(signs) < 2 else "")
+            if not counter and np.ptp(signs) < 2:
+                counter = name
         elif step:
             rising.append((name, column, step, alike))
     if given_hz:

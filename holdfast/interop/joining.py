@@ -152,7 +152,7 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
         return {}
     stamps = [one.t_ns for one in used if one.t_ns is not None]
     if len(stamps) < len(used):
-        return with_labels(used[0].columns, names)
+        return with_labels(used[0], names)
     # of equally slow streams that which lost the least
     slowest = max(map(step_ns, stamps))
     t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))
@@ -180,12 +180,13 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     return columns_of(whole)
 
 
-def with_labels(columns: Columns, names: Collection[str]) -> Columns:
+def with_labels(stream: Stream, names: Collection[str]) -> Columns:
     """Columns of a table in which what has rows of its own, without readings, holds to the next.
 
     Such as the labels in a row for each message of any topic. names: of the readings.
     """
-    is_reading = np.zeros(len(columns[next(iter(columns))]), dtype=np.bool_)
+    columns = stream.columns
+    is_reading = np.zeros(stream.rows, dtype=np.bool_)
     for name in columns.keys() & names:
         is_reading |= np.isfinite(columns[name])
     if is_reading.all():
