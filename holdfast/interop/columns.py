@@ -52,6 +52,7 @@ BRACKETS = re.compile(rf"[\[(](?!(?:{NO_UNIT})[\])])(.+?)[\])]")
 UNITS_FIRST = {None: 1, "count": 2}
 """Of what stands in brackets; 0 for units of force and of field."""
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
+"""A name of a field, whose size is no press."""
 PRESS_N = (0.2, 60.0)
 """A press of people, N."""
 TARED = 0.25
@@ -77,7 +78,8 @@ def find_time(
         if counts and not unit_of_time(name):
             # one that begins anew, but for that of 8, 16 or 32 bits, counts no rows
             signs = np.sign(np.diff(unwrapped(column, 1.0)))
-            counter = counter or (name if np.ptp(signs) < 2 else "")
+            if not counter and np.ptp(signs) < 2:
+                counter = name
         elif step:
             rising.append((name, column, step, alike))
     if given_hz:
@@ -107,26 +109,30 @@ def _clock(
     """
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
     named = unit_of_time(name)
-    is_named = bool(named) or says(name, TIME)
+    is_named = named or says(name, TIME)
     falls = np.count_nonzero(np.diff(column) < 0) > 1
     is_part = falls and is_part_of_second(column, NS_OF.get(named or "", 0))
     if is_part or (NO_CLOCK.search(name) and not is_date):
         return None
-    n_values = len(np.unique(column[:JUDGED_ROWS]))
+    judged = column[:JUDGED_ROWS]
+    n_values = len(np.unique(judged))
     if is_named or is_date:
         is_clock = alike > ALIKE and (n_values >= FEWEST_STAMPS or is_date)
     else:
         # an unnamed one has a value for each row
-        n_rows = len(column[:JUDGED_ROWS])
-        is_clock = name.startswith("column") and min(alike, n_values / n_rows) > EVENLY
-    is_certain = is_named and bool(named or is_date)
+        share = min(alike, n_values / len(judged))
+        is_clock = name.startswith("column") and share > EVENLY
+    if not is_clock:
+        return None
     units = [named] if named else [*NS_OF]
     slowest, fastest = SLOWEST_HZ, FASTEST_HZ if named else FASTEST_UNNAMED_HZ
-    check = "" if is_certain else "rises in steps that are alike"
-    if head_hz and not is_certain:
+    check = "rises in steps that are alike"
+    if named or (is_named and is_date):
+        check = ""
+    elif head_hz:
         slowest, fastest = (1.0 - AS_HEAD) * head_hz, (1.0 + AS_HEAD) * head_hz
         check = "as fast as the head of the log says"
-    for unit in units if is_clock else ():
+    for unit in units:
         hz = 1e9 / (step * NS_OF[unit])
         is_late = column[0] > LATEST_NS / NS_OF[unit]
         if slowest <= hz <= fastest and not is_late:
@@ -141,7 +147,9 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
 
     The step is 0.0 for a column that does not rise.
     """
-    first = np.zeros(2) if is_text(column) else column[:JUDGED_ROWS].astype(np.float64)
+    if is_text(column):
+        return 0.0, 0.0, False
+    first = column[:JUDGED_ROWS].astype(np.float64)
     values = first[np.isfinite(first)]
     if len(values) and values[-1] < values[0] and np.median(np.diff(values)) < 0:
         # the newest row may stand first
@@ -181,7 +189,7 @@ def usual_step(values: FloatArray) -> float:
 
 
 def unit_of(
-    names: Sequence[str], values: FloatArray, effects: FloatArray, head: str = ""
+    names: Sequence[str], values: FloatArray, effects: FloatArray, head: str
 ) -> Evidence[str]:
     """The unit of channels [T, C] by their names, such as `x [mN]`; "" where it must be asked.
 
@@ -196,10 +204,9 @@ def unit_of(
         # words that differ from name to name may be those of sensors
         written = set()
     if written:
-        units = {*map(unit_named, written)}
+        unit, *others = {*map(unit_named, written)}
         words = ", ".join(sorted(written))
-        unit = units.pop()
-        if units or unit is None:
+        if others or unit is None:
             return Evidence("", f"the log says {words}")
         return Evidence(unit, f"{words} in names, head or beside them")
 
@@ -236,9 +243,12 @@ def _unit_behind(name: str) -> str:
     if phrases:
         return min(phrases, key=lambda one: UNITS_FIRST.get(unit_named(one), 0))
     _, *behind = re.split(r"(?i)[xyz](?![a-z])", name)
-    last = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))[-1:]
-    units = [*filter(unit_named, last), *UNIT_WORD.findall(name)]
-    return [*units, *(one for one in last if not re.fullmatch(NO_UNIT, one)), ""][0]
+    words = re.findall(r"[^\W\d_]+", behind[-1]) if behind else []
+    last = words[-1] if words else ""
+    unit = UNIT_WORD.search(name)
+    if unit and not unit_named(last):
+        return unit[0]
+    return "" if re.fullmatch(NO_UNIT, last) else last
 
 
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:

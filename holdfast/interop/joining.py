@@ -32,8 +32,6 @@ TWICE = 0.45
 """Of the rows: so many stood before in a log that holds itself twice."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
-SHEET = "sheet"
-"""The column that names the sheet of a row, where several are one table."""
 
 
 def whole_stamps(stream: Stream) -> Stream:
@@ -97,20 +95,23 @@ def is_union(values: FloatArray) -> bool:
     """Whether each row is of one topic, so that none, or few by chance, have all; values [T, C]."""
     there = np.isfinite(values)
     there = there[there.any(axis=1)][:, there.any(axis=0)]
-    share = there.all(axis=1).sum() / max(1, len(there))
-    if not share or share >= 0.5:
-        return not share
+    are_whole = there.all(axis=1)
+    if not are_whole.any():
+        return True
     # what is lost is seldom lost, or for long
-    return bool(there.mean() < 0.9 and np.diff(there, axis=0).mean() > OFTEN)
+    is_sparse = are_whole.mean() < 0.5 and there.mean() < 0.9
+    return bool(is_sparse and np.diff(there, axis=0).mean() > OFTEN)
 
 
 def without_repeats(stream: Stream) -> Stream:
     """A table without rows that stand twice: the same time, and all else the same."""
-    same = np.ones(max(0, stream.rows - 1), dtype=np.bool_)
+    if stream.t_ns is not None:
+        return stream
+    same = np.ones(stream.rows - 1, dtype=np.bool_)
     for column in stream.columns.values():
         same &= column[1:] == column[:-1]
     time = find_time(stream.columns) if same.any() else None
-    if stream.t_ns is not None or time is None or not time.value.column:
+    if time is None or not time.value.column:
         return stream
     keep = np.append(True, ~same)
     columns = {name: column[keep] for name, column in stream.columns.items()}
@@ -122,13 +123,13 @@ def united(same: list[Stream]) -> Stream:
     """Streams of the same columns as one.
 
     One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
-    column with their names.
+    column `sheet` with their names.
     """
     if len(same) == 1:
         return same[0]
     longest = max(same, key=lambda one: one.rows)
     if longest.t_ns is None:
-        sheets = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
+        sheets = [pd.DataFrame(one.columns).assign(sheet=one.name) for one in same]
         return replace(longest, columns=columns_of(pd.concat(sheets)))
     same.sort(key=lambda one: one.t_ns[0])  # type: ignore[index]
     t_ns = np.concatenate([one.t_ns for one in same])
@@ -145,12 +146,13 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     A name that no stream has is left out. The clock is that of the slowest of several streams; what
     was not sent about a row is nan there. Labels of a stream of their own hold until the next one.
     """
-    used = [one for one in log.streams if one.columns.keys() & set(names)]
+    wanted = set(names)
+    used = [one for one in log.streams if one.columns.keys() & wanted]
     if not used:
         return {}
     stamps = [one.t_ns for one in used if one.t_ns is not None]
     if len(stamps) < len(used):
-        return with_labels(dict(used[0].columns), names)
+        return with_labels(used[0], names)
     # of equally slow streams that which lost the least
     slowest = max(map(step_ns, stamps))
     t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))
@@ -158,40 +160,43 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     if len(used) == 1:
         whole = whole.assign(**used[0].columns)
     for stream in log.streams:
-        if stream.t_ns is None or [stream] == used:
+        if stream.t_ns is None:
             continue
-        is_label = stream not in used
-        table = pd.DataFrame({LOG_TIME: stream.t_ns})
+        is_label = not stream.columns.keys() & wanted
+        table = {LOG_TIME: stream.t_ns}
         for name, column in stream.columns.items():
-            if name not in whole and not (is_label and has_parts(column)):
+            # a label is a text or a whole number
+            is_other = is_label and not is_text(column) and (column % 1 > 0).any()
+            if name not in whole and not is_other:
                 table[name] = column
-        table = table.sort_values(LOG_TIME, kind="stable")
-        whole = pd.merge_asof(
-            whole.sort_values(LOG_TIME),
-            table,
-            on=LOG_TIME,
-            direction="backward" if is_label else "nearest",
-            tolerance=None if is_label else max(1, int(NEAR_STEPS * slowest)),
-        )
+        if len(table) > 1:
+            whole = pd.merge_asof(
+                whole.sort_values(LOG_TIME),
+                pd.DataFrame(table).sort_values(LOG_TIME, kind="stable"),
+                on=LOG_TIME,
+                direction="backward" if is_label else "nearest",
+                tolerance=None if is_label else max(1, int(NEAR_STEPS * slowest)),
+            )
     return columns_of(whole)
 
 
-def with_labels(columns: Columns, names: Collection[str]) -> Columns:
+def with_labels(stream: Stream, names: Collection[str]) -> Columns:
     """Columns of a table in which what has rows of its own, without readings, holds to the next.
 
     Such as the labels in a row for each message of any topic. names: of the readings.
     """
-    is_reading = np.zeros(len(columns[next(iter(columns))]), dtype=np.bool_)
-    for name in names:
-        is_reading |= np.isfinite(columns[name]) if name in columns else False
-    for name, column in columns.items() if not is_reading.all() else ():
-        cells = pd.Series(column).replace("", np.nan)
-        if name not in names and cells[is_reading].isna().all() and cells.notna().any():
-            filled = cells.ffill()
-            columns[name] = (
-                filled.fillna("") if is_text(column) else filled
-            ).to_numpy()
-    return columns
+    columns = stream.columns
+    is_reading = np.zeros(stream.rows, dtype=np.bool_)
+    for name in columns.keys() & names:
+        is_reading |= np.isfinite(columns[name])
+    if is_reading.all():
+        return columns
+    held = {}
+    for name in columns.keys() - names:
+        cells = pd.Series(columns[name]).replace("", np.nan)
+        if cells[is_reading].isna().all() and cells.notna().any():
+            held[name] = cells.ffill()
+    return columns | columns_of(pd.DataFrame(held))
 
 
 def step_ns(stamps: IntArray) -> float:
@@ -207,8 +212,3 @@ def columns_of(table: pd.DataFrame) -> Columns:
         is_word = is_text(cells.to_numpy())
         columns[str(name)] = (cells.fillna("") if is_word else cells).to_numpy()
     return columns
-
-
-def has_parts(column: Column) -> bool:
-    """Whether a column holds numbers that are not whole."""
-    return not is_text(column) and bool((column % 1 > 0).any())

@@ -47,23 +47,10 @@ from holdfast.core.errors import LabelError, UsageError
 from holdfast.core.schema import read
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.datasets.trials import FOLDERS, action_of
+from holdfast.interop.words import NUMBERED, TOGETHER
 
 NAMES = ("person", "object", "action")
 """What a trial is called by."""
-_PEOPLE = "p|s|vp|sub|subj|subject|person|participant|user|proband"
-_TRIALS = (
-    "trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|ses|session|day|set|"
-    "exp|scan"
-)
-PERSON = re.compile(rf"(?i)({_PEOPLE})[-_ ]?\d+")
-NUMBERS = "one|two|three|four|five|six|seven|eight|nine|ten"
-NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+|({_TRIALS})[-_ ]?({NUMBERS})")
-"""Words of paths that number people and trials."""
-TOGETHER = (
-    rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|(?:{_TRIALS})[-_ ](?:{NUMBERS})"
-    r"|(?:no|not|with|without)[-_ ]slip|hand[-_ ]over|put[-_ ]down)"
-)
-"""What is one word of a path although a sign of a gap stands in it."""
 Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
@@ -102,7 +89,7 @@ class TrialRules(Table, frozen=True):
 def _regex(pattern: str) -> str:
     """A pattern of paths as a regular expression."""
     forms = dict.fromkeys(NAMES, f"{TOGETHER}|[^/]+?")
-    forms["trial"] = f"(?:{NUMBERED.pattern.removeprefix('(?i)')})[a-z]?"
+    forms["trial"] = f"{NUMBERED.pattern}[a-z]?"
     if "-" in pattern:
         # soft-ball-slip is a soft-ball
         forms["action"] = f"{TOGETHER}|[^/_ .-]+"

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from holdfast.core.errors import listed
 from holdfast.core.trial_layout import named_mass
 from holdfast.interop.labels import action_of_word
-from holdfast.interop.map import NAMES, NUMBERED, PERSON, TOGETHER
+from holdfast.interop.map import NAMES
 from holdfast.interop.proposal import Answers
+from holdfast.interop.words import NUMBERED, PERSON, TOGETHER
 
 OBJECT = re.compile(
     r"(?i)(.*(ball|block|book|bottle|bowl|box|cube|cylinder|glass|object|sponge)"

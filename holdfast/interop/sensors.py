@@ -20,7 +20,14 @@ from holdfast.interop.columns import channels, rise_of
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.formats.streams import LOG_TIME, Columns, counted, is_text
 from holdfast.interop.formats.tables import pd
-from holdfast.interop.words import FINGERS, NO_SENSOR, OF_A_TRIAL, says
+from holdfast.interop.words import (
+    FINGERS,
+    NO_SENSOR,
+    NUMBERS,
+    OF_A_TRIAL,
+    UNIT_OF_FORCE,
+    says,
+)
 
 BEGIN = r"(?:(?<![a-z])|(?-i:(?<=[xyzt])(?=[A-Z])))(?:finger)?"
 END = (
@@ -41,7 +48,7 @@ FINGER, THUMB, HAND, TRIAL, PLACE = (
         _FINGER,
         _FINGERS[0],
         rf"{_SIDE}|(?<![a-z])hand[-_ ]?\d+",
-        rf"(?<![a-z])(?:{OF_A_TRIAL})[-_ ]?(?:\d+|one|two|three)(?![a-z])",
+        rf"(?<![a-z])(?:{OF_A_TRIAL})[-_ ]?(?:\d+|{NUMBERS})(?![a-z])",
         rf"{_FINGER}|{_SIDE}|((?<![a-z])finger[-_ ]?)?\d+|{_LETTER}",
     )
 )
@@ -49,7 +56,7 @@ FINGER, THUMB, HAND, TRIAL, PLACE = (
 AGAIN = re.compile(r"(?<=f\*)(.*)\.#$")
 """Behind the kind of a force that has the name of another one."""
 FORCE = re.compile(
-    r"force|kraft|(?<![a-z])f[_ ]?\*|f\*$|[\[(]([cdkm]?n|newtons?|k?gf|lbf|ozf)[\])]"
+    rf"force|kraft|(?<![a-z])f[_ ]?\*|f\*$|[\[(](?i:n|{UNIT_OF_FORCE})[\])]"
 )
 """A kind of column that is a force by its name or by its unit in brackets; * is the axis."""
 FIELD = re.compile(rf"{FORCE.pattern}|[\[(]([muµμ]?t|teslas?|gs|gauss)[\])]")
@@ -89,33 +96,36 @@ def find_sensors(
     columns: Columns,
     longest: Columns,
     marks: Collection[str],
-    chosen: str = "",
-    is_joined: bool = False,
+    chosen: str,
+    is_joined: bool,
 ) -> Evidence[list[SensorColumns]]:
-    """The sensors of a log in the order in which people count; none where they must be asked.
+    """The sensors of a log in the order in which people count; none where they must be asked for.
 
     By the names of all its columns, else by what those of its longest stream hold. marks: the
-    columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
+    columns that may hold labels. chosen: patterns of names, as given, by commas; "" for none.
     is_joined: of files, whose words stand before a dot in the names.
     """
     names = []
-    for pattern in chosen.split(",") if chosen else ():
-        names += [name for name in columns if fnmatchcase(name, pattern)]
-    for name, column in columns.items() if not chosen else ():
-        is_other = name == LOG_TIME or name in marks or is_text(column)
-        names += [] if is_other or says(name, NO_SENSOR) else [name]
-    names = [*dict.fromkeys(names)]
+    if chosen:
+        for pattern in chosen.split(","):
+            names += [name for name in columns if fnmatchcase(name, pattern)]
+        names = [*dict.fromkeys(names)]
+    else:
+        for name, column in columns.items():
+            is_other = name == LOG_TIME or name in marks or is_text(column)
+            if not is_other and not says(name, NO_SENSOR):
+                names.append(name)
 
     groups = _by_axes(names)
     if groups:
         return _of_one_kind(groups, is_given=bool(chosen), is_joined=is_joined)
     if not chosen:
-        still = [
-            name for name in names if name in longest and not rise_of(longest[name])[0]
-        ]
+        there = [name for name in names if name in longest]
+        still = [name for name in there if not rise_of(longest[name])[0]]
         return _by_touch(still, longest)
     if not names or len(names) % 3:
-        return unclear(f"--sensors {chosen}, {len(names)} columns, not three a sensor,")
+        what = f"--sensors {chosen}, {len(names)} columns, not three a sensor,"
+        return Evidence([], what)
     return Evidence(in_threes(names), "as given")
 
 
@@ -146,28 +156,31 @@ def _of_one_kind(
     groups: dict[str, dict[str, str]], *, is_given: bool, is_joined: bool
 ) -> Evidence[list[SensorColumns]]:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
-    files = [key.partition(".")[0] for key in groups if is_joined]
-    kind_of = {}
+    file_of, kind_of = {}, {}
     for key in groups:
-        behind = key.partition(".")[2] if is_joined else key
-        kind_of[key] = AGAIN.sub(r"\1", PLACE.sub("#", behind).lower())
+        file, _, name = key.partition(".") if is_joined else ("", "", key)
+        file_of[key] = file
+        kind_of[key] = AGAIN.sub(r"\1", PLACE.sub("#", name).lower())
+    files = [*file_of.values()]
     kinds = [*dict.fromkeys(kind_of.values())]
     found = ([*filter(one.search, kinds)] for one in (FORCE, FIELD, READING))
-    chosen = next((one for one in found if len(one) == 1), [])
-    if not chosen and not is_given:
-        return unclear(f"columns {listed(kinds, most=6)} (which are the readings?)")
-    keys = [key for key in groups if is_given or kind_of[key] in chosen]
+    of_one = next((one for one in found if len(one) == 1), [])
+    readings = kinds if is_given else of_one
+    if not readings:
+        what = f"columns {listed(kinds, most=6)} (which are the readings?)"
+        return Evidence([], what)
+    keys = [key for key in groups if kind_of[key] in readings]
     trials = {word.lower() for key in keys for word in TRIAL.findall(key)}
     # two sensors are the jaws of a gripper
     is_hands = are_two_hands(keys) and len(keys) > 2
     if (is_hands or len(trials) > 1) and not (is_given or is_joined):
         what = "two hands" if is_hands else "trials (write each below the other)"
-        return unclear(f"columns of {what}: {listed(keys)}")
+        return Evidence([], f"columns of {what}: {listed(keys)}")
 
     def place(key: str) -> tuple[object, ...]:
         """By the order of a hand; other words as they stand, numbers as people count."""
-        file = files.index(key.partition(".")[0]) if files else 0
-        return file, finger_order(key), kinds.index(kind_of[key]), counted(key)
+        file, kind = files.index(file_of[key]), kinds.index(kind_of[key])
+        return file, finger_order(key), kind, counted(key)
 
     sensors = [SensorColumns(**groups[key]) for key in sorted(keys, key=place)]  # type: ignore
     return Evidence(sensors, "as given" if is_given else "by the axes in their names")
@@ -202,16 +215,12 @@ def _by_touch(names: Sequence[str], columns: Columns) -> Evidence[list[SensorCol
             found.append(one)
     if len(found) != 1:
         most = max(series.values(), key=len)
-        return unclear(f"columns {listed(most)}" if len(most) > 2 else "")
+        # a table of fewer has no readings
+        return Evidence([], f"columns {listed(most)}" if len(most) > 2 else "")
     (axes,) = found
     check = "every third column presses, on every sensor"
     why = f"no axes in the names, {axes[0]} to {axes[-1]}"
     return Evidence(in_threes(axes), why, check)
-
-
-def unclear(what: str) -> Evidence[list[SensorColumns]]:
-    """No sensors, and which columns must be asked for; "" of a table without readings."""
-    return Evidence([], what)
 
 
 def presses(values: FloatArray) -> bool:
@@ -268,7 +277,7 @@ def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:
     load = np.zeros(len(values))
     for channel, at_rest in zip(values.T, rest, strict=True):
         load += np.abs(np.nan_to_num(channel - at_rest))
-    rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
+    rows = load > TOUCHED * np.quantile(load, 0.95)
     where = np.flatnonzero(rows)
     pressed = _middle(values[where[:: max(1, len(where) // FEW_ROWS)]])
     return np.stack([rest, pressed - rest]), rows
@@ -317,7 +326,7 @@ def oriented(
         first = NORMAL_AXIS if wrong.all() else 0
         if not is_turned_later[k]:
             axes[first:] = [f"-{name}" for name in axes[first:]]
-        zero = [float(f"{2.0 * rest[k] / size:.4g}")] if is_far[k] else []
-        turned[k] = SensorColumns(*axes, *zero)  # type: ignore[arg-type]
+        zero = float(f"{2.0 * rest[k] / size:.4g}") if is_far[k] else 0.0
+        turned[k] = SensorColumns(*axes, zero)  # type: ignore[arg-type, call-arg]
 
     return turned

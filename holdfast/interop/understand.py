@@ -42,7 +42,7 @@ from holdfast.interop.formats.streams import (
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import in_turn, is_twice, is_union, table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.map import NUMBERS, TOGETHER, ImportMap
+from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import (
@@ -53,7 +53,7 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
-from holdfast.interop.words import UNIT_COLUMN, UNIT_OF_PATH
+from holdfast.interop.words import NUMBERS, TOGETHER, UNIT_COLUMN, UNIT_OF_PATH
 
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""

@@ -16,13 +16,14 @@ TIME_UNITS = {
     "us": "[uµμ]s|usecs?|micros|microseconds?",
     "ns": "ns|nsecs?|nanos?|nanosecs?|nanoseconds?",
 }
-OTHER_TIMES = "min|mins|minutes?|h|hours?|cs|frames?|ticks?"
-"""Units of time that are none of ours."""
+_OTHER_TIMES = "mins?|minutes?|h|hrs?|hours?|days?|cs|centiseconds?|frames|ticks"
+OTHER_TIMES = f"{_OTHER_TIMES}|frame|tick"
+"""Units of time that are none of ours; one frame may have its time."""
 NO_CLOCK = re.compile(
     rf"[\[(](?!(?i:{'|'.join(TIME_UNITS.values())}|\d+|h+:m+:s+\W*\w*|utc|gmt|local|unix|epoch)[\])])"
     r"|(?:(?<![A-Za-z\d])|(?<=[a-z])(?=[A-Z]))"
-    r"(?i:mins?|minutes?|h|hrs?|hours?|days?|cs|centiseconds?|frames|ticks|\d+[muµμn]s|angle|"
-    r"deg|degrees|rad|left|remain|remains|remaining|countdown|video|camera|hold)(?![a-z])"
+    rf"(?i:{_OTHER_TIMES}|\d+[muµμn]s|angle|deg|degrees|rad|left|remain|remains|remaining|"
+    r"countdown|video|camera|hold)(?![a-z])"
 )
 """In the name of a time: another unit, in brackets or as a word, or another quantity."""
 SIGNAL_UNITS = {
@@ -42,15 +43,14 @@ SIGNAL_UNITS = {
     "count": "(?i:counts?|raw|adc|lsb|digits)",
 }
 """Unit -> its words; G is gauss and g is gram."""
+UNIT_OF_FORCE = "[mcdk]N|gf|(?i:kgf|lbf|ozf|(?:milli|centi|deci|kilo)?newtons?)"
+"""Words that are a unit of force and nothing else."""
 UNIT_WORD = re.compile(
-    r"(?<![^\W_])(?:[mcdk]N|[muµμ]T|(?i:[mck]n|[muµμ]t|gf|kgf?|kp|lbf?|lbs|ozf?|gauss|pounds?|"
-    r"ounces?|(?:milli|centi|deci|kilo)?newtons?|(?:milli|micro)?teslas?|(?:kilo)?grams?))"
-    r"(?![^\W_]|[^(\[]*[)\]])"
+    rf"(?<![^\W_])(?:{UNIT_OF_FORCE}|(?i:[mck]n|[muµμ]t|gf|kg|kp|lbs?|oz|gauss|pounds?|ounces?|"
+    r"(?:milli|micro)?teslas?|(?:kilo)?grams?))(?![^\W_]|[^(\[]*[)\]])"
 )
 """A word of a name that is a unit wherever it stands."""
-UNIT_OF_PATH = re.compile(
-    r"(?<![^\W_])(?:[mcdk]N|gf|(?i:kgf|lbf|ozf|(?:milli|centi|kilo)?newtons?))(?![^\W_])"
-)
+UNIT_OF_PATH = re.compile(rf"(?<![^\W_])(?:{UNIT_OF_FORCE})(?![^\W_])")
 """A word of a path that is the unit of its readings; kg and lb are those of an object."""
 NO_UNIT = (
     r"(?i:\d+|(?:(?:f|force|sensor|finger|tip|pad|taxel|values?|filt(?:ered)?|cal(?:ibrated)?|"
@@ -72,22 +72,36 @@ UNIT_COLUMN = re.compile(
     r".*(?<![a-z])units?(?![a-z]).*"
 )
 """A column of the unit of the readings, and of no other quantity."""
+_A_TRIAL = "trial|run|recording|episode"
 NAMED = {
     "person": "person|subject|participant|user",
     "object": "object|item|obj",
     "action": "action|condition|task|outcome|result|success|successful|dropped|failed",
-    "column": "trial|run|episode|rep|repetition|recording|sheet",
+    "column": f"{_A_TRIAL}|rep|repetition|sheet",
 }
 """What a column holds: what a trial is called by, or its number -> words of its name."""
-OF_A_TRIAL = (
-    "trial|run|rep|repetition|recording|test|cycle|session|subject|versuch|messung"
-)
+OF_A_TRIAL = f"{_A_TRIAL}|rep|repetition|test|cycle|session|subject|versuch|messung"
 """Words with a number that tells trials apart."""
+_OF_PEOPLE = f"{NAMED['person']}|p|s|vp|sub|subj|proband"
+_OF_TRIALS = (
+    f"{_A_TRIAL}|rep|take|t|r|rec|log|test|nr|no|file|data|ses|session|day|set|exp|scan"
+)
+NUMBERS = "one|two|three|four|five|six|seven|eight|nine|ten"
+PERSON = re.compile(rf"(?i)({_OF_PEOPLE})[-_ ]?\d+")
+NUMBERED = re.compile(
+    rf"(?i:(?:{_OF_TRIALS})?(?:[-_ ]?\d+)+|(?:{_OF_TRIALS})[-_ ]?(?:{NUMBERS}))"
+)
+"""Words of paths that number people and trials."""
+TOGETHER = (
+    rf"(?i:(?:{_OF_PEOPLE}|{_OF_TRIALS})[-_ ]?\d+|(?:{_OF_TRIALS})[-_ ](?:{NUMBERS})"
+    r"|(?:no|not|with|without)[-_ ]slip|hand[-_ ]over|put[-_ ]down)"
+)
+"""What is one word of a path although a sign of a gap stands in it."""
 LABEL = (
     "labels?|events?|phase|state|situation|markers?|annotation|class|slip|slipping|status|trigger|"
     "what|was|type"
 )
-TRIAL = "trial|file|log|run|recording|episode|name"
+TRIAL = f"{_A_TRIAL}|file|log|name"
 BEGIN = "start|begin|from|von|onset|t0|at|first"
 START = f"{BEGIN}|{TIME}"
 ROWS = "rows?|index|samples?"
