@@ -42,8 +42,10 @@ def table_of(trial: TrialPayload) -> Any:
     names = [TIME_COLUMN, *channels, *valid_names(recording.n_sensors)]
     cells = [trial.t_s, *trial.values.T, *recording.valid.T]
     # Null says "no value" in every reader; nan is a float like any other.
-    arrays = [pa.array(one, from_pandas=True) for one in cells]
-    columns = dict(zip(names, arrays, strict=True))
+    columns = {
+        name: pa.array(one, from_pandas=True)
+        for name, one in zip(names, cells, strict=True)
+    }
     # the last one is that of -1
     texts = np.array([*SITUATIONS, None])
     columns["label"] = pa.array(texts[trial.label], pa.string())
