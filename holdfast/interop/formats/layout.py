@@ -79,7 +79,7 @@ PERIOD = re.compile(
     r"(?=[\d.,]*[1-9])(\d*[.,]?\d+(?:e-?\d+)?)"
 )
 """What is said of the time between two rows, in s, by LabVIEW, or in ms."""
-_FORCE = (
+_UNIT = (
     r"(?-i:[mcdk]N|[muµ]T|gf)|kgf|lbf|ozf|(?:milli)?newtons?|gauss|(?:micro|milli)?teslas?"
     r"|(?:kilo)?grams?[- ]force|(?:pounds?|ounces?)[- ]force"
 )
@@ -88,11 +88,11 @@ HEAD_UNIT = re.compile(
     r"(?:[ \t]*[:=,;\t][^\w\n]*|[ \t]+(?=\S+[ \t]*$))"
     r"|\b(?:forces?|readings?|values?|loads?)[ \t]+(?:are[ \t]+)?in[ \t]+"
     r"|^[#%!/](?!.*(?:mass|weight|gewicht)).*?[\[(](?=\w+[\])])"
-    rf"|(?<![^\W_])(?<!\d )(?<!per )(?<!from )(?=(?:{_FORCE})[^\w\n]*$))"
+    rf"|(?<![^\W_])(?<!\d )(?<!per )(?<!from )(?=(?:{_UNIT})[^\w\n]*$))"
     r"((?:\d[\d.,e^-]*[ \t]*)?[^\W\d_]+(?:[ \t]*(?:[*/x·×^]|per\b)[ \t]*[\w.^-]+)*)"
 )
 """What the lines above the names say of units, also of other quantities: behind `unit` or `in`, a
-word in brackets, a unit of force at the end of a line. One with a factor is asked.
+word in brackets, a unit of force or field at the end of a line. One with a factor is asked.
 """
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.]\d{3})+([.,]\d*)?")
 """A number with a sign between its thousands."""
@@ -119,14 +119,15 @@ class Form:
     thousands: str
     has_names: bool
 
-    def cells(self, line: str) -> Cells:
-        """The cells of a line."""
+    def cells(self, line: str, joint: str = "") -> Cells:
+        """The cells of a line. joint: what joins the numbers of a vector, where it is one cell."""
         mark = self.separator
         # programs that write for people write a longer minus
         line = line.replace("\N{MINUS SIGN}", MINUS)
         line = ARRIVAL.sub(rf"\1\2{mark}", line)
-        line = VECTOR.sub(lambda found: re.sub(GAP, mark, found[1]), line)
-        line = PAIR.sub("", line) if self.has_names else line
+        line = VECTOR.sub(lambda found: re.sub(GAP, joint or mark, found[1]), line)
+        if self.has_names:
+            line = PAIR.sub("", line)
         if mark == SPACES:
             # a space that does not break stands within a cell
             line = re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line)
@@ -246,12 +247,11 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
 
     The numbers of a vector are force.0, force.1, ..
     """
-    data = ARRIVAL.sub(rf"\1\2{form.separator}", data)
-    whole = VECTOR.sub(lambda found: re.sub(GAP, JOINT, found[1]), data)
-    below = form.cells(whole)
+    below = form.cells(data, JOINT)
     names = [""] * len(below)
     if form.has_names:
-        above = [form.separator.join(PAIR.findall(data))]
+        pairs = PAIR.findall(ARRIVAL.sub("", data))
+        above = [form.separator.join(pairs)]
     for line in reversed(above[-MOST_HEADING_ROWS:]):
         row = form.cells(line.lstrip(" #%/!"))
         if len(row) == len(below) - 1:
