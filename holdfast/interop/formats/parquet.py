@@ -86,7 +86,7 @@ def _cells(name: str, column: Any) -> Columns:
     elif types.is_timestamp(column.type):
         column = column.cast(pa.timestamp("ns")).cast(pa.int64())
     kind = column.type
-    if types.is_string(kind) or types.is_large_string(kind):
+    if kind in (pa.string(), pa.large_string()):
         return {name: text_column(column.to_pylist())}
     if types.is_integer(kind) or types.is_floating(kind):
         # whole numbers stay whole; those with a null are floats already
