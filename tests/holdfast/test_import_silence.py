@@ -418,6 +418,7 @@ HEADS = {
     "vicon": "Devices\n1000\n",
     "a period": "# Sample rate (ms): 1\n",
     "a period behind": "# Sampling interval = 1 [ms]\n",
+    "a period of 0": "# Sample rate: 1000 Hz\n# Sampling interval: 0 ms\n",
     "qualisys": "NO_OF_CAMERAS\t8\nFREQUENCY\t1000\nANALOG_FREQUENCY\t0\n",
     "labview": "LabVIEW Measurement\t\nDelta_X\t0.001\n***End_of_Header***\n",
 }

@@ -60,6 +60,8 @@ GAP = r"[\s,;]+"
 """Between the numbers of a vector."""
 VECTOR = re.compile(rf'(?i)"?[\[(]\s*({_CELL}(?:{GAP}{_CELL})*)[\s,;]*[\])]"?')
 """Numbers in brackets, and nothing else: a unit such as (0.01 N) is none."""
+JOINT = "\x1f"
+"""Between the numbers of a vector that stays one cell."""
 PAIR = re.compile(r"(?<![^\s,;|])([^\W\d][\w.\[\]]*)\s*[:=]\s*(?=\S)")
 FEWEST_PAIRS = 3
 """A name before a cell, as for the plotter of a serial monitor; more than so many in a line."""
@@ -72,12 +74,12 @@ RATE = re.compile(
 )
 """What a line above the names says of the rate, in Hz; of Vicon, the line below a block's name."""
 PERIOD = re.compile(
-    r"(?im)(?:^delta_x\s+(?=[\d.,]*[1-9])"
+    r"(?im)(?:^delta_x\s+"
     r"|\bsampl\w*[-_ ]*(?:rate|period|interval)(?=.*\b(ms)\b)\W+(?:ms\W+)?)"
-    r"(\d*[.,]?\d+(?:e-?\d+)?)"
+    r"(?=[\d.,]*[1-9])(\d*[.,]?\d+(?:e-?\d+)?)"
 )
 """What is said of the time between two rows, in s, by LabVIEW, or in ms."""
-_FORCE = (
+_UNIT = (
     r"(?-i:[mcdk]N|[muµ]T|gf)|kgf|lbf|ozf|(?:milli)?newtons?|gauss|(?:micro|milli)?teslas?"
     r"|(?:kilo)?grams?[- ]force|(?:pounds?|ounces?)[- ]force"
 )
@@ -86,11 +88,11 @@ HEAD_UNIT = re.compile(
     r"(?:[ \t]*[:=,;\t][^\w\n]*|[ \t]+(?=\S+[ \t]*$))"
     r"|\b(?:forces?|readings?|values?|loads?)[ \t]+(?:are[ \t]+)?in[ \t]+"
     r"|^[#%!/](?!.*(?:mass|weight|gewicht)).*?[\[(](?=\w+[\])])"
-    rf"|(?<![^\W_])(?<!\d )(?<!per )(?<!from )(?=(?:{_FORCE})[^\w\n]*$))"
+    rf"|(?<![^\W_])(?<!\d )(?<!per )(?<!from )(?=(?:{_UNIT})[^\w\n]*$))"
     r"((?:\d[\d.,e^-]*[ \t]*)?[^\W\d_]+(?:[ \t]*(?:[*/x·×^]|per\b)[ \t]*[\w.^-]+)*)"
 )
 """What the lines above the names say of units, also of other quantities: behind `unit` or `in`, a
-word in brackets, a unit of force at the end of a line. One with a factor is asked.
+word in brackets, a unit of force or field at the end of a line. One with a factor is asked.
 """
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.]\d{3})+([.,]\d*)?")
 """A number with a sign between its thousands."""
@@ -117,14 +119,15 @@ class Form:
     thousands: str
     has_names: bool
 
-    def cells(self, line: str) -> Cells:
-        """The cells of a line."""
+    def cells(self, line: str, joint: str = "") -> Cells:
+        """The cells of a line. joint: what joins the numbers of a vector, where it is one cell."""
         mark = self.separator
         # programs that write for people write a longer minus
         line = line.replace("\N{MINUS SIGN}", MINUS)
         line = ARRIVAL.sub(rf"\1\2{mark}", line)
-        line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
-        line = PAIR.sub("", line) if self.has_names else line
+        line = VECTOR.sub(lambda found: re.sub(GAP, joint or mark, found[1]), line)
+        if self.has_names:
+            line = PAIR.sub("", line)
         if mark == SPACES:
             # a space that does not break stands within a cell
             line = re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line)
@@ -144,7 +147,8 @@ class Form:
             for cell in cells
             if cell not in MISSING
         ]
-        return sum(map(bool, map(KNOWN.fullmatch, filled))) / max(1, len(filled))
+        known = list(filter(KNOWN.fullmatch, filled))
+        return len(known) / max(1, len(filled))
 
 
 @dataclass(frozen=True)
@@ -229,10 +233,8 @@ def _about(head: Sequence[str]) -> Json:
     """The rate, Hz, and the words of units in the lines above a table."""
     text = "\n".join(head)
     rates = {float(max(found)) for found in RATE.findall(text)}
-    rates |= {
-        1.0 / float(step.replace(",", ".") + "e-3" * bool(ms))
-        for ms, step in PERIOD.findall(text)
-    }
+    for ms, step in PERIOD.findall(text):
+        rates.add((1000.0 if ms else 1.0) / float(step.replace(",", ".")))
     rate_hz = rates.pop() if len(rates) == 1 else None
     return {"rate_hz": rate_hz, "unit": " ".join(HEAD_UNIT.findall(text))}
 
@@ -245,11 +247,11 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
 
     The numbers of a vector are force.0, force.1, ..
     """
-    data = ARRIVAL.sub(rf"\1\2{form.separator}", data)
-    below = form.cells(VECTOR.sub("[vector]", data))
+    below = form.cells(data, JOINT)
     names = [""] * len(below)
     if form.has_names:
-        above = [form.separator.join(PAIR.findall(data))]
+        pairs = PAIR.findall(ARRIVAL.sub("", data))
+        above = [form.separator.join(pairs)]
     for line in reversed(above[-MOST_HEADING_ROWS:]):
         row = form.cells(line.lstrip(" #%/!"))
         if len(row) == len(below) - 1:
@@ -268,12 +270,11 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
             last = name or (last if is_group else "")
             names[k] = f"{last} {names[k]}".strip()
 
-    vectors = VECTOR.finditer(data)
     wide: Cells = []
     for name, cell in zip(names, below, strict=True):
-        n_cells = len(re.split(GAP, next(vectors)[1])) if cell == "[vector]" else 1
-        is_wide = name and n_cells > 1
-        wide += [f"{name}.{k}" if is_wide else name for k in range(n_cells)]
+        numbers = cell.split(JOINT)
+        is_wide = name and len(numbers) > 1
+        wide += [f"{name}.{k}" if is_wide else name for k in range(len(numbers))]
     return wide
 
 

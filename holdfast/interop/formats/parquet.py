@@ -42,8 +42,10 @@ def table_of(trial: TrialPayload) -> Any:
     names = [TIME_COLUMN, *channels, *valid_names(recording.n_sensors)]
     cells = [trial.t_s, *trial.values.T, *recording.valid.T]
     # Null says "no value" in every reader; nan is a float like any other.
-    arrays = [pa.array(one, from_pandas=True) for one in cells]
-    columns = dict(zip(names, arrays, strict=True))
+    columns = {
+        name: pa.array(one, from_pandas=True)
+        for name, one in zip(names, cells, strict=True)
+    }
     # the last one is that of -1
     texts = np.array([*SITUATIONS, None])
     columns["label"] = pa.array(texts[trial.label], pa.string())
@@ -84,7 +86,7 @@ def _cells(name: str, column: Any) -> Columns:
     elif types.is_timestamp(column.type):
         column = column.cast(pa.timestamp("ns")).cast(pa.int64())
     kind = column.type
-    if types.is_string(kind) or types.is_large_string(kind):
+    if kind in (pa.string(), pa.large_string()):
         return {name: text_column(column.to_pylist())}
     if types.is_integer(kind) or types.is_floating(kind):
         # whole numbers stay whole; those with a null are floats already

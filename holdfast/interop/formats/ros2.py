@@ -27,7 +27,7 @@ UNIT_OF_MESSAGE = {
 """What the standard messages of a finger are in (REP 103)."""
 MOST_LIST = 256
 """Numbers of a list that become columns; an image or a point cloud has more, and is left out."""
-HIDDEN = ("sec", "nanosec", "__msgtype__")
+HIDDEN = ("sec", "nanosec")
 """Fields of a message that are no columns: the recorder's stamps are the time."""
 
 

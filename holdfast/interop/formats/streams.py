@@ -46,8 +46,8 @@ class Stream:
 class ForeignLog:
     """One file. name: its path below the source, without its ending.
 
-    about: what a file of `holdfast convert` says of its trial, and the unit of its messages; the
-    rate that stands above a table.
+    about: what a file of `holdfast convert` says of its trial; the unit of messages; the rate and
+    the words of units above a table.
     """
 
     path: Path
@@ -90,7 +90,7 @@ def is_text(column: Column) -> bool:
 def text_cells(column: Column) -> list[str]:
     """The cells as texts; a whole number without its point, nan as ""."""
     if is_text(column):
-        return [str(cell).strip() for cell in column.tolist()]
+        return [*column]
     # each number once: a long log has many rows and few trials
     numbers, rows = np.unique(column, return_inverse=True)
     texts = [f"{one:.10g}" if np.isfinite(one) else "" for one in numbers.tolist()]

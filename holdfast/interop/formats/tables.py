@@ -45,9 +45,7 @@ HEAD_BYTES, HEAD_LINES = 128 << 10, 240
 CHUNK_ROWS = 20_000
 MOST_TORN = 0.2
 """Lines of another number of cells, of all rows, with which a table is none."""
-DAY_NS = 24 * 3600 * 10**9
-HALF_DAY = pd.Timedelta(hours=12)
-EPOCH = pd.Timestamp(0, tz="UTC")
+HALF_DAY_NS = 12 * 3600 * 10**9
 
 
 def begin_of(path: Path) -> tuple[TableLayout, str]:
@@ -107,7 +105,8 @@ def _made_plain(
             was_empty = True
             continue
         cells = form.cells(line)
-        is_row = len(cells) == n_names and not text.startswith(COMMENTS)
+        is_comment = text.startswith(COMMENTS)
+        is_row = len(cells) == n_names and not is_comment
         is_ours = block[-1] == layout.heading if block else form.share(cells)
         if (block or was_empty) and not (is_row and is_ours):
             block.append(text)
@@ -117,7 +116,7 @@ def _made_plain(
         if is_row:
             writer.writerow(cells)
             n_rows += 1
-        elif text.startswith(COMMENTS) or text[0].isalpha():
+        elif is_comment or text[0].isalpha():
             others.append(text)
         else:
             torn.append(text)
@@ -133,11 +132,11 @@ def _made_plain(
         "between the rows": others,
         "of a second block": block,
     }
-    notes = []
-    for what, left in kinds.items():
-        if left:
-            count = count_of(len(left), "line")
-            notes.append(f"{count} {what} left out, such as {left[0][:40]!r}")
+    notes = [
+        f"{count_of(len(left), 'line')} {what} left out, such as {left[0][:40]!r}"
+        for what, left in kinds.items()
+        if left
+    ]
     return n_rows, notes
 
 
@@ -244,8 +243,9 @@ def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
 def _are_thousands(column: Column) -> bool:
     """Whether many numbers are whole, and all others as 2.987, none below 1 as a fraction is."""
     thousandths = (1000.0 * np.abs(column[::7])).round(6)
-    n_whole = np.sum(thousandths % 1000 == 0) - np.sum(thousandths == 0)
-    others = thousandths[thousandths % 1000 > 0]
+    thousandths = thousandths[thousandths > 0]
+    is_whole = thousandths % 1000 == 0
+    n_whole, others = np.sum(is_whole), thousandths[~is_whole]
     # but for 1 in 10 the last digit is there
     n_alike = np.sum(np.isin(others % 10, range(1, 10)) & (others < 1e6))
     are_both = 0.75 * len(others) < n_alike < 20 * n_whole
@@ -292,14 +292,14 @@ def _stamps(cells: pd.Series, first: str) -> Column:
         utc=True,
         errors="coerce",
     )
-    spans = dates - EPOCH
+    in_ns = dates.dt.as_unit("ns").to_numpy("M8[ns]")
+    ns: Column = in_ns.astype(np.int64)
     if first.endswith("M"):
         # 12 PM is noon, and 12 AM midnight
         is_late = texts.str.endswith("PM").astype(int)
-        spans += HALF_DAY * (is_late - (dates.dt.hour == 12))
-    ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
-    if spans.isna().any():
-        ns = np.where(spans.isna(), np.nan, ns)
+        ns += HALF_DAY_NS * (is_late - (dates.dt.hour == 12)).to_numpy()
+    if dates.isna().any():
+        ns = np.where(dates.isna(), np.nan, ns)
     # a step of nearly a day back is midnight
-    steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
-    return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)
+    is_midnight = np.diff(ns, prepend=ns[:1]) < -HALF_DAY_NS
+    return ns + 2 * HALF_DAY_NS * np.cumsum(is_midnight)
