@@ -75,8 +75,8 @@ def read_joined(
     n_files = max(1, len(fingers))
     log = replace(read_log(places[0]), name=name)
     if fingers:
-        parts = zip(fingers, places[:n_files], strict=True)
-        streams = tuple(_of_finger(*one) for one in parts)
+        named = zip(fingers, places[:n_files], strict=True)
+        streams = tuple(_of_finger(*one) for one in named)
         # but for a few rows, whose stamps may be torn
         stamps = [np.asarray(one.t_ns, np.float64) for one in streams]
         spans = [np.quantile(one, (0.1, 0.9)) for one in stamps]
@@ -88,18 +88,19 @@ def read_joined(
                 next_step="stamps of one clock; or a folder for each, and import it on its own",
             )
         log = replace(log, streams=streams)
-    readings, facts, tables = first_stream(log), Columns(), [*log.streams]
-    tables.remove(readings)
+    longest, facts, tables = first_stream(log), Columns(), list[Stream]()
     for place in places[n_files:]:
         pattern = f"*{other_word(name, place.name)}*{place.path.suffix}"
         for stream in read_log(place).streams:
             if place.kind == SCALARS and not stream.name:
                 for key, fact in stream.columns.items():
-                    facts[key] = np.repeat(fact, readings.rows)
+                    facts[key] = np.repeat(fact, longest.rows)
             name_of_all = pattern.replace("**", "*")
             tables.append(replace(stream, t_ns=None, name=name_of_all))
-    readings = replace(readings, columns=facts | readings.columns)
-    return replace(log, streams=(readings, *tables))
+    readings = replace(longest, columns=facts | longest.columns)
+    # the order of the files is that of the sensors
+    parts = [readings if one is longest else one for one in log.streams]
+    return replace(log, streams=(*parts, *tables))
 
 
 def _of_finger(word: str, place: LogPlace) -> Stream:

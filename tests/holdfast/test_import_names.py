@@ -64,6 +64,15 @@ def test_a_file_of_a_finger_and_a_trial_is_joined_by_its_trial(
     assert "sensors    2, by the axes in their names: " + fingers[0] in out
 
 
+def test_a_finger_with_more_rows_stands_in_its_place(run: Run, tmp_path: Path) -> None:
+    for finger, rows in (("thumb", 490), ("index", 500)):
+        one = made(1, sensors=1)
+        part = Made(one.t_s[:rows], one.values[:rows])
+        write_log(tmp_path / f"logs/slip/{finger}.csv", part)
+    out = imported(run, tmp_path)
+    assert "thumb.s1_x, thumb.s1_y, thumb.s1_z to index.s1_x" in out
+
+
 @pytest.mark.parametrize(
     "words", [("s01", "s02"), ("trial_one", "trial_two"), ("rep1", "rep2")]
 )

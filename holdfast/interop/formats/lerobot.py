@@ -106,6 +106,8 @@ def _stats(frames: pd.DataFrame) -> Json:
     for key, column in frames.items():
         table = pd.DataFrame(column.tolist(), dtype=np.float64)
         figures = table.describe(QUANTILES).set_axis(STATISTICS)
+        # as lerobot has it
+        figures.loc["std"] = table.std(ddof=0)
         # JSON has no nan, and lerobot one count of all rows
         stats[key] = figures.fillna(0.0).T.to_dict("list") | {"count": [len(table)]}
     return stats
