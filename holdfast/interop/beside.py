@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from os.path import dirname
 
 import numpy as np
 
@@ -24,10 +25,14 @@ WORD = r"[/_ .-]+"
 
 
 def files_of(
-    logs: Sequence[LogPlace], beside: Sequence[LogPlace], fingers: Sequence[str]
+    logs: Sequence[LogPlace],
+    beside: Sequence[LogPlace],
+    fingers: Sequence[str],
+    of_folders: Sequence[LogPlace] = (),
 ) -> Files:
     """The files of each log, of a file for each finger in the order of `fingers`.
 
+    of_folders: tables of all logs below the folder in which they are, which name their trials.
     Raises DataNotFound where a finger has no file, or a file no finger.
     """
     files: Files = {}
@@ -54,6 +59,10 @@ def files_of(
         tables = {one.name: one for one in beside if (one.kind == SCALARS) == is_fact}
         for name, table in paired(logs_found, [*tables]).items():
             files[name].append(tables[table])
+    for place in of_folders:
+        for name in logs_found:
+            if name.startswith(f"{dirname(place.name)}/"):
+                files[name].append(place)
     return files
 
 
@@ -90,7 +99,9 @@ def read_joined(
         log = replace(log, streams=streams)
     longest, facts, tables = first_stream(log), Columns(), list[Stream]()
     for place in places[n_files:]:
-        pattern = f"*{other_word(name, place.name)}*{place.path.suffix}"
+        word = other_word(name, place.name)
+        word = place.path.stem if word is None else word
+        pattern = f"*{word}*{place.path.suffix}"
         for stream in read_log(place).streams:
             if place.kind == SCALARS and not stream.name:
                 for key, fact in stream.columns.items():

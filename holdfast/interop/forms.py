@@ -30,7 +30,7 @@ from holdfast.interop.formats.writing import thumb_sensors
 from holdfast.interop.joining import columns_of
 from holdfast.interop.labels import LabelMeanings, labels_of, rules_of_table, zeros_of
 from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
-from holdfast.interop.names import names_of_paths
+from holdfast.interop.names import names_of_paths, words_of_path
 from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import moved_most, oriented
 from holdfast.interop.words import NAMED, is_called
@@ -95,6 +95,8 @@ class Form:
         for word in of_paths.names.get("action", ()):
             actions[word] = str(answers.meaning(word))
 
+        for word in self._unmet():
+            found.ask("--action", f"{word!r} stands nowhere in these logs: take it out")
         is_said = labels or answers.whole_action or actions
         if not (is_said or all(one.log.about.get("action") for one in self.samples)):
             found.ask("--action", self._unclear or WHAT_HAPPENS)
@@ -120,6 +122,21 @@ class Form:
             unwrap=answers.unwrap,
         )
         found.plans.append((plan, {one.log.name: one.files for one in self.samples}))
+
+    def _unmet(self) -> list[str]:
+        """Words that were answered and stand in no path and no column."""
+        if not self.answers.actions:
+            return []
+        met = {word for one in self.samples for word in words_of_path(one.log.name)}
+        names = dict.fromkeys(name for one in self.samples for name in one.columns)
+        met |= {cell for name in names for cell in self._cells(name, only_once=True)}
+        for table in self._tables().values():
+            met |= {
+                cell
+                for cells in columns_of(table).values()
+                for cell in text_cells(cells)
+            }
+        return [word for word in self.answers.actions if word not in met]
 
     def _not(self, key: str, words: Sequence[str], trials: TrialRules) -> str:
         """What a column says that names trials, where their paths say something else."""
@@ -308,9 +325,9 @@ class Form:
     def _checked(self, found: LabelMeanings, columns: Columns) -> LabelMeanings:
         """A table of events whose times lie in the logs; what else is possible is asked."""
         rules, file, ask = found.rules, found.rules.file, self.found.ask
-        for key in dict.fromkeys(
-            text_cells(columns[rules.trial]) if rules.trial else ()
-        ):
+        # a table in each folder is of the logs there
+        is_of_all = rules.trial and "*" not in file
+        for key in dict.fromkeys(text_cells(columns[rules.trial]) if is_of_all else ()):
             same = [
                 one.log.name for one in self.samples if key.casefold() in one.log.keys
             ]

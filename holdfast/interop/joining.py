@@ -10,7 +10,13 @@ import numpy as np
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import count_of
-from holdfast.interop.columns import CLOCK_NS, SECOND_NS, find_time, is_part_of_second
+from holdfast.interop.columns import (
+    CLOCK_NS,
+    JUDGED_ROWS,
+    SECOND_NS,
+    find_time,
+    is_part_of_second,
+)
 from holdfast.interop.formats.streams import (
     LOG_TIME,
     Column,
@@ -24,8 +30,9 @@ from holdfast.interop.words import says, unit_of_time
 
 MOST_KEYS = 100
 """Sensors or axes that rows are of."""
-OFTEN, ALIKE = 0.05, 0.5
-"""So often a column changes that says which one a row is of, and so alike its values are many."""
+OFTEN, ALIKE, APART = 0.05, 0.5, 1.5
+"""So often a column changes that says which one a row is of, so alike its values are many, and so
+much more do readings jump across them."""
 DEVICE = "(device|board|module|node|sensor|finger|taxel|pad|tip|jaw|hand|side|channel|addr)s?"
 """Words of a column of numbers that may say which one a row is of."""
 TWICE = 0.45
@@ -57,11 +64,12 @@ def whole_stamps(stream: Stream) -> Stream:
     return replace(stream, columns=columns)
 
 
-def in_turn(columns: Columns, clock: str) -> list[str]:
+def in_turn(columns: Columns, readings: Columns, clock: str) -> list[str]:
     """The columns of few values that say which sensor or board a row is of.
 
     They come in turn, or change wherever the clock, "" for none, goes back. Texts, or numbers that
-    are called so: other numbers may be flags.
+    are called so: other numbers may be flags. Of a text that is not called so the readings are
+    other ones, too.
     """
     keys = []
     steps = np.diff(columns[clock]) if clock in columns else np.zeros(0)
@@ -77,9 +85,19 @@ def in_turn(columns: Columns, clock: str) -> list[str]:
         is_other = is_device and len(back) and (column[back] != column[back + 1]).all()
         # the texts of a short log may all be others
         is_few = 1 < len(counts) <= min(MOST_KEYS, len(cells) // 3)
-        if (often or is_other) and is_alike and is_few:
+        is_key = (often or is_other) and is_alike and is_few
+        if is_key and (is_device or not readings or _are_apart(readings, column)):
             keys.append(name)
     return keys
+
+
+def _are_apart(readings: Columns, cells: Column) -> bool:
+    """Whether readings jump from cell to cell more than from one row of a cell to its next."""
+    values = pd.DataFrame(readings)[:JUDGED_ROWS]
+    keys = pd.Series(cells[:JUDGED_ROWS])
+    own = values.groupby(keys).diff().abs().mean()
+    across = values.diff()[keys != keys.shift()].abs().mean()
+    return bool((across > APART * own).any())
 
 
 def is_twice(columns: Columns, clock: str, axes: Sequence[str]) -> bool:

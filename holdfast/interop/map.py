@@ -88,11 +88,13 @@ class TrialRules(Table, frozen=True):
 
 def _regex(pattern: str) -> str:
     """A pattern of paths as a regular expression."""
-    forms = dict.fromkeys(NAMES, f"{TOGETHER}|[^/]+?")
+    # what is one word is not taken for two
+    whole = rf"(?!{TOGETHER}(?:[/_ .-]|$))"
+    forms = dict.fromkeys(NAMES, f"{TOGETHER}|{whole}[^/]+?")
     forms["trial"] = f"{NUMBERED.pattern}[a-z]?"
     if "-" in pattern:
         # soft-ball-slip is a soft-ball
-        forms["action"] = f"{TOGETHER}|[^/_ .-]+"
+        forms["action"] = f"{TOGETHER}|{whole}[^/_ .-]+"
     regex = re.escape(pattern).replace(r"\*", "[^/]*")
     for key, form in forms.items():
         group = f"(?P<{key}>(?i:{form}))"

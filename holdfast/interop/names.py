@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from os.path import commonpath, dirname
 
 from holdfast.core.errors import listed
 from holdfast.core.trial_layout import named_mass
@@ -46,11 +47,12 @@ def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
     found = PathNames()
     forms: dict[tuple[str, ...], list[list[str]]] = {}
     for path in paths:
-        words = _words(path)
+        words = words_of_path(path)
         forms.setdefault(tuple(words[::2]), []).append(words[1::2])
     # of a long path a short pattern would take several words for one
     longest_first = sorted(forms.items(), key=lambda form: -len(form[0]))
-    patterns = [_pattern(found, *form, answers) for form in longest_first]
+    title = _title_words(paths, answers)
+    patterns = [_pattern(found, *form, title, answers) for form in longest_first]
     found.path = " | ".join(patterns) if found.names else ""
     return found
 
@@ -59,11 +61,13 @@ def _pattern(
     found: PathNames,
     marks: Sequence[str],
     paths: Sequence[Sequence[str]],
+    title: set[int],
     answers: Answers,
 ) -> str:
     """The pattern of paths of one form; adds its names and questions.
 
-    marks: what stands before, between and behind the words. paths: their words.
+    marks: what stands before, between and behind the words. paths: their words. title: places of
+    words that say nothing.
     """
     words = [*zip(*paths, strict=True)]
     seen = [[*dict.fromkeys(one)] for one in words]
@@ -73,6 +77,8 @@ def _pattern(
         places = [k for k, kind in enumerate(kinds) if kind == key]
         # a study's name may hold a word of an action too: that which differs counts
         places = [k for k in places if len(seen[k]) > 1] or places
+        if key == "action":
+            places = [k for k in places if k not in title]
         if places:
             fields[key] = places[0]
         meanings = {tuple(map(answers.meaning, words[k])) for k in places}
@@ -92,11 +98,9 @@ def _pattern(
         one_of = ",".join(seen[k])
         what += f": --person {one_of} or --object {one_of}"
         found.questions.append(("--person", what))
-    if len(unclear) == 1 and (is_person_known or "action" in fields):
-        (left,) = unclear
-        # what a person holds, or one word beside what happens, is the object
-        if is_person_known or len(seen[left]) == 1:
-            fields.setdefault("object", left)
+    if len(unclear) == 1 and is_person_known:
+        # what is left beside a person is what was held
+        fields.setdefault("object", unclear[0])
     if fields and kinds[-1] == "trial":
         fields["trial"] = len(kinds) - 1
     parts = [one[0] if len(one) == 1 else "*" for one in seen]
@@ -105,6 +109,22 @@ def _pattern(
         known = found.names.setdefault(key, [])
         known += [word for word in seen[k] if word not in known]
     return "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
+
+
+def _title_words(paths: Sequence[str], answers: Answers) -> set[int]:
+    """Places of words in the name of a folder of all logs that has a word of its own.
+
+    As in `slip_detection_dataset/cup_1`, which says nothing of its trials.
+    """
+    folders = commonpath([*map(dirname, paths)]).split("/")
+    places: set[int] = set()
+    n_words = 0
+    for folder in folders:
+        words = words_of_path(folder)[1::2]
+        if any(kind_of([word], answers) == "unclear" for word in words):
+            places |= {*range(n_words, n_words + len(words))}
+        n_words += len(words)
+    return places
 
 
 def kind_of(words: Sequence[str], answers: Answers) -> str:
@@ -127,7 +147,7 @@ def kind_of(words: Sequence[str], answers: Answers) -> str:
     return "object" if are_things else "unclear"
 
 
-def _words(path: str) -> list[str]:
+def words_of_path(path: str) -> list[str]:
     """The words of a path, with what stands before, between and behind them.
 
     Words with a dash between them are one, unless one is a person, a number or an action.

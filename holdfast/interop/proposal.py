@@ -52,7 +52,7 @@ class Answers:
     @property
     def actions(self) -> dict[str, str]:
         """Words of the logs -> actions, "" for a word that means none."""
-        pairs = [one.split("=", 1) for one in self.action.split(",") if "=" in one]
+        pairs = [one.rsplit("=", 1) for one in self.action.split(",") if "=" in one]
         return {word.strip(): action.strip() for word, action in pairs}
 
     @property

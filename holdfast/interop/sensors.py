@@ -108,7 +108,9 @@ def find_sensors(
     names = []
     if chosen:
         for pattern in chosen.split(","):
-            names += [name for name in columns if fnmatchcase(name, pattern)]
+            # as a question shows it: small letters, and # for a number
+            small = pattern.lower().replace("#", "*")
+            names += [name for name in columns if fnmatchcase(name.lower(), small)]
         names = [*dict.fromkeys(names)]
     else:
         for name, column in columns.items():

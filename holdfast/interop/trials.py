@@ -328,10 +328,14 @@ class TrialImport:
         kinds = {*labels} - {"", None}
         fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
         action = action or next(fits, "")
+        situation = SITUATION_OF_ACTION.get(action, "")
+        slips = "risky_slip" in kinds
+        if is_timed and situation and slips != (situation == "risky_slip"):
+            said = "that it slips" if slips else "no slip"
+            self._note(log, f"DOUBTFUL: its name says {action}, its labels say {said}")
         if not is_timed:
             # what is the same in every row says what the trial is
             labels[:] = ""
-        situation = SITUATION_OF_ACTION.get(action, "")
         if not (situation or (action and is_timed)):
             raise LabelError(
                 f"nothing says what happens in {log.name}",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -42,7 +42,7 @@ from holdfast.interop.formats.streams import (
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import in_turn, is_twice, is_union, table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.map import ImportMap
+from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.proposal import Answers, Proposal, Sample
 from holdfast.interop.sensors import (
@@ -53,13 +53,22 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
-from holdfast.interop.words import NUMBERS, TOGETHER, UNIT_COLUMN, UNIT_OF_PATH
+from holdfast.interop.words import (
+    NUMBERS,
+    TOGETHER,
+    TRIAL,
+    UNIT_COLUMN,
+    UNIT_OF_PATH,
+    is_called,
+)
 
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
 _NUMBERED = r"(?i:finger|sensor|pad|taxel|tip|jaw)[-_ ]?\d+"
-WORD = re.compile(rf"{_NUMBERED}|{TOGETHER}|[^\W\d_]+|\d+")
-"""Of a path: letters, a number, or a sensor or a trial with its number."""
+WORD = re.compile(
+    rf"{_NUMBERED}|{TOGETHER}|(?i:{FINGER.pattern[4:]})(?=\d)|[^\W\d_]+\d*|\d+"
+)
+"""Of a path: letters with their number, or a number; a finger's number is that of a trial."""
 FILE_OF_A_SENSOR = re.compile(
     rf"{_NUMBERED}|(?!(?:{TOGETHER}|(?i:{NUMBERS}))$).*(?i:{FINGER.pattern[4:]})"
 )
@@ -109,7 +118,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Proposal
         found.add("joined", f"{each}, on the slowest clock")
     logs = [one.files[0] for one in samples.values()]
     beside = [place for place in places if place.path in others_read]
-    files = files_of(logs, beside, fingers)
+    files = files_of(logs, beside, fingers, _of_folders(beside, others_read))
     for name, group in files.items():
         if name not in samples or len(group) > 1:
             found.kept.clear()
@@ -145,7 +154,10 @@ def of_map(source: Path, plan: ImportMap) -> Proposal:
         one for one in places if fnmatch(f"{one.name}{one.path.suffix}", pattern)
     ]
     logs = [one for one in places if one not in beside]
-    found = Proposal(plans=[(plan, files_of(logs, beside, plan.trials.fingers))])
+    names_trials = plan.events is not None and plan.events.trial
+    of_folders = [one for one in beside if names_trials and one.kind != SCALARS]
+    files = files_of(logs, beside, plan.trials.fingers, of_folders)
+    found = Proposal(plans=[(plan, files)])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
     return found
@@ -175,7 +187,7 @@ def _sample(
         return None
     of_rows = columns or longest.columns
     beside = {name: cells for name, cells in of_rows.items() if name not in names}
-    keys = in_turn(beside, clock)
+    keys = in_turn(beside, {name: of_rows[name] for name in names}, clock)
     if keys and (names or sensors.why):
         text = f"each row of {log.name} is of one {listed(keys)} that comes in turn"
         found.ask("SOURCE", f"{text}: write a row for each time, with all sensors")
@@ -230,6 +242,20 @@ def _units_beside(log: ForeignLog, columns: Columns) -> str:
 # -- files of one trial
 
 
+def _of_folders(
+    beside: Sequence[LogPlace], others_read: Mapping[Path, ForeignLog]
+) -> list[LogPlace]:
+    """Tables that name their trials, one in each of several folders."""
+    in_folders = [one for one in beside if "/" in one.name and one.kind != SCALARS]
+    counts = Counter(one.path.name for one in in_folders)
+    naming = [
+        one
+        for one in in_folders
+        if any(is_called(name, TRIAL) for name in merged(others_read[one.path]))
+    ]
+    return [one for one in naming if counts[one.path.name] > 1]
+
+
 def _fingers(samples: Sequence[Sample], answers: Answers, found: Proposal) -> list[str]:
     """The words by which the files of one trial differ, a file for each finger; [] for none.
 
@@ -238,7 +264,7 @@ def _fingers(samples: Sequence[Sample], answers: Answers, found: Proposal) -> li
     """
     if answers.fingers:
         return answers.fingers.split(",")
-    names = [WORD.findall(one.log.name) for one in samples]
+    names = [[word[0] for word in WORD.finditer(one.log.name)] for one in samples]
     are_single = {len(one.names) for one in samples} == {len(AXES)}
     if len({*map(len, names)}) > 1:
         return []
@@ -249,8 +275,10 @@ def _fingers(samples: Sequence[Sample], answers: Answers, found: Proposal) -> li
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         if len(words) < 2 or {*trials.values()} != {len(words)}:
             continue
-        is_unclear = are_single and kind_of(words, answers) == "unclear"
-        if is_unclear or are_two_hands(words):
+        kind = kind_of(words, answers)
+        if kind not in NAMES and (
+            (are_single and kind == "unclear") or are_two_hands(words)
+        ):
             each = ",".join(words)
             found.ask(
                 "--fingers",

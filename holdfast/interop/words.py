@@ -50,8 +50,8 @@ UNIT_WORD = re.compile(
     r"(?:milli|micro)?teslas?|(?:kilo)?grams?))(?![^\W_]|[^(\[]*[)\]])"
 )
 """A word of a name that is a unit wherever it stands."""
-UNIT_OF_PATH = re.compile(rf"(?<![^\W_])(?:{UNIT_OF_FORCE})(?![^\W_])")
-"""A word of a path that is the unit of its readings; kg and lb are those of an object."""
+UNIT_OF_PATH = re.compile(rf"(?<![^\W_])(?!(?i:newton))(?:{UNIT_OF_FORCE})(?![^\W_])")
+"""A word of a path that is the unit of its readings; kg and lb are of an object, Newton a name."""
 NO_UNIT = (
     r"(?i:\d+|(?:(?:f|force|sensor|finger|tip|pad|taxel|values?|filt(?:ered)?|cal(?:ibrated)?|"
     r"axis|mag|data)[\W\d_]*?)+)"
@@ -94,7 +94,8 @@ NUMBERED = re.compile(
 """Words of paths that number people and trials."""
 TOGETHER = (
     rf"(?i:(?:{_OF_PEOPLE}|{_OF_TRIALS})[-_ ]?\d+|(?:{_OF_TRIALS})[-_ ](?:{NUMBERS})"
-    r"|(?:no|not|with|without)[-_ ]slip|hand[-_ ]over|put[-_ ]down)"
+    r"|(?:no|non|not|with|without|pre|post|anti|near)[-_ ](?:slip|drop|fall)\w*?"
+    r"|hand[-_ ]over|put[-_ ]down)"
 )
 """What is one word of a path although a sign of a gap stands in it."""
 LABEL = (
@@ -108,7 +109,7 @@ ROWS = "rows?|index|samples?"
 LENGTH = "duration|length"
 END = f"end|stop|to|bis|until|offset|finish|t1|last|{LENGTH}"
 """Words of the columns of labels, and of a table of events."""
-HELD = "(?:no|non|not|without) ?slip|stable|still|steady|held"
+HELD = "(?:no|non|not|without) ?(?:slip|drop|fall)|stable|still|steady|held"
 OUTCOMES = {
     "grasp": HELD,
     "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",

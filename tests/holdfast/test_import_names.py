@@ -84,11 +84,25 @@ def test_people_and_trials_of_one_sensor_are_no_fingers(
     assert "2 trials: 2 slip" in imported(run, tmp_path)
 
 
+@pytest.mark.parametrize("words", [("F1", "F2"), ("COM3", "COM4")])
+def test_numbered_files_of_one_sensor_are_asked_with_the_option_of_fingers(
+    run: Run, tmp_path: Path, words: tuple[str, str]
+) -> None:
+    for trial in (1, 2):
+        for k, word in enumerate(words):
+            name = f"logs/{word}_cup_slip_{trial}.csv"
+            write_log(tmp_path / name, made(10 * trial + k, sensors=1))
+    each = ",".join(words)
+    assert f"are {each} fingers of one trial?" in imported(run, tmp_path, code=2)
+    assert "2 trials: 2 slip" in imported(run, tmp_path, "--fingers", each)
+
+
 def test_left_and_right_of_one_sensor_are_asked(run: Run, tmp_path: Path) -> None:
     for k, word in enumerate(("left", "right")):
         write_log(tmp_path / f"logs/cup_slip_{word}.csv", made(k, sensors=1))
     out = imported(run, tmp_path, code=2)
     assert "are left,right fingers of one trial?" in out
+    assert "2 trials: 2 slip" in imported(run, tmp_path, "--object", "left,right")
 
 
 @pytest.mark.parametrize("given", [(), ("--fingers", "thumb,index")])
@@ -171,6 +185,7 @@ def test_a_name_that_one_log_lacks_is_told_and_the_others_keep_theirs(
         (["cup_slip_1", "nothing_1"], "{object}_{action}_{trial} | {action}_{trial}"),
         (["with_slip_1", "without_slip_1"], "{action}_{trial}"),
         (["open_data/cup_slip"], "open_data/{object}_{action}"),
+        (["slip_detection_data/cup_1"], "slip_detection_data/{object}_{trial}"),
         (["p1/tape_slip_1", "p2/foam_slip_1"], "{person}/{object}_{action}_{trial}"),
     ],
 )
@@ -193,10 +208,47 @@ def test_a_log_of_the_open_hand_may_be_called_in_another_form(
     assert names(tmp_path / "set") == ["cup/slip/trial_1.csv", "nothing/trial_1.csv"]
 
 
-def test_with_and_without_a_slip_are_two_actions(run: Run, tmp_path: Path) -> None:
-    for k, word in enumerate(("with_slip", "without_slip")):
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("with_slip", "without_slip"),
+        ("gross_slip", "no_slip"),
+        ("drop", "no_drop"),
+        ("slip", "non_slip"),
+    ],
+)
+def test_a_slip_that_is_none_is_a_hold(
+    run: Run, tmp_path: Path, words: tuple[str, str]
+) -> None:
+    for k, word in enumerate(words):
         write_log(tmp_path / f"logs/{word}/cup_1.csv", made(k))
-    assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
+    imported(run, tmp_path)
+    expected = ["cup/hold/trial_1.csv", "cup/slip/trial_1.csv"]
+    assert names(tmp_path / "set") == expected
+
+
+def test_a_word_that_may_be_a_slip_or_none_is_asked_and_answered(
+    run: Run, tmp_path: Path
+) -> None:
+    for k, word in enumerate(("normal", "anti-slip")):
+        write_log(tmp_path / f"logs/{word}/cup_1.csv", made(k))
+    assert "what happens in these trials?" in imported(run, tmp_path, code=2)
+    out = imported(run, tmp_path, "--action", "normal=slip,anti-slip=hold")
+    assert "2 trials: 1 hold, 1 slip" in out
+
+
+def test_a_word_that_is_answered_and_stands_nowhere_is_told(
+    run: Run, tmp_path: Path
+) -> None:
+    write_log(tmp_path / "logs/cup_slip_1.csv", made(1))
+    out = imported(run, tmp_path, "--action", "slip=slip,torn=pull", code=2)
+    assert "'torn' stands nowhere in these logs" in out
+
+
+def test_a_label_with_a_sign_of_equality_is_answered(run: Run, tmp_path: Path) -> None:
+    with_label(tmp_path / "logs", "cup_1", "label", ("slip=false", "slip=true"))
+    imported(run, tmp_path, "--action", "slip=false=,slip=true=slip")
+    assert begins(tmp_path / "set") == [3.0]
 
 
 @pytest.mark.parametrize("answer", ["rutsch", "noslip=bla"])
@@ -296,9 +348,7 @@ def test_labels_that_say_no_slip_of_a_trial_that_is_called_so_are_doubted(
 ) -> None:
     with_label(tmp_path / "logs", "cup_slip_1", "gripper", ("open", "closed"))
     out = imported(run, tmp_path, "--action", "closed=hold")
-    assert (
-        "DOUBTFUL cup/slip/trial_1: its name says slip, its labels say no slip" in out
-    )
+    assert "DOUBTFUL: its name says slip, its labels say no slip" in out
 
 
 def test_a_hand_that_is_open_and_called_a_grasp_is_doubted(
@@ -393,6 +443,18 @@ def test_a_number_of_a_trial_that_is_that_of_two_logs_is_asked(
     (tmp_path / "logs/events.csv").write_text("trial,start,end,label\n1,3,3.5,slip\n")
     out = imported(run, tmp_path, code=2)
     assert "trial '1' of events.csv is s1/trial_1, s2/trial_1" in out
+
+
+def test_a_table_in_each_folder_is_of_the_logs_there(run: Run, tmp_path: Path) -> None:
+    for folder, numbers in (("s1", (1, 2)), ("s2", (2, 1))):
+        for k in (1, 2):
+            write_log(tmp_path / f"logs/{folder}/trial_{k}.csv", made(len(folder) + k))
+        slips = "".join(f"{n},{2 + n / 2},4,slip\n" for n in numbers)
+        (tmp_path / f"logs/{folder}/events.csv").write_text(
+            f"trial,start,end,label\n{slips}"
+        )
+    imported(run, tmp_path)
+    assert begins(tmp_path / "set") == [2.5, 3.0, 2.5, 3.0]
 
 
 def test_two_tables_that_say_when_it_slips_are_asked(run: Run, tmp_path: Path) -> None:

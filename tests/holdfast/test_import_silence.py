@@ -263,6 +263,16 @@ def test_rows_of_another_topic_alone_are_no_samples(run: Run, tmp_path: Path) ->
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
+def test_a_text_that_flickers_beside_readings_is_no_board(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    texts = np.random.default_rng(0).choice(["OK", "RETRY"], len(one.t_s), p=[0.8, 0.2])
+    names = ["t", *axes(5), "radio"]
+    write_log(tmp_path / "logs/cup_slip_1.csv", one, names=names, texts=texts.tolist())
+    assert "not used   radio" in imported(run, tmp_path)
+
+
 def test_rows_twice_are_rows_once(run: Run, tmp_path: Path) -> None:
     one = two_sensors()
     twice = np.repeat(np.column_stack([one.t_s, one.values]), 2, axis=0)

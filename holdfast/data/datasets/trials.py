@@ -331,16 +331,6 @@ def doubts_of(
                 )
                 what += "and presses only later"
                 yield Missing("doubt", recording.trial_id, what, "label the open hand")
-        said = SITUATION_OF_ACTION.get(recording.action or "", "")
-        slips = RISKY_SLIP in {phase.situation for phase in recording.phases}
-        if recording.phases and said and slips != (said == "risky_slip"):
-            labels = (
-                "its labels say that it slips" if slips else "its labels say no slip"
-            )
-            what = f"its name says {recording.action}, {labels}"
-            yield Missing(
-                "doubt", recording.trial_id, what, "correct its name or its labels"
-            )
         side_n = _of_a_side(recording)
         is_open = {phase.situation for phase in recording.phases} == {NOTHING}
         is_open &= recording.action in (None, EMPTY_HAND)
