@@ -61,8 +61,9 @@ FORCE = re.compile(
 """A kind of column that is a force by its name or by its unit in brackets; * is the axis."""
 FIELD = re.compile(rf"{FORCE.pattern}|[\[(]([muµμ]?t|teslas?|gs|gauss)[\])]")
 """Also one that is a field by its unit."""
-READING = re.compile(r"(?<![a-z])[fbh]?[_ ]?\*|force|[fbh]\*")
-"""A kind of column that may be a reading: without a letter before its axis, or a force, a field."""
+READING = re.compile(r"(?<![a-z])(?<![ag]#)[fbh]?[_ ]?\*|force|[fbh]\*")
+"""A kind of column that may be a reading: without a letter before its axis, or a force, a field;
+no a1x or g1x, which are accelerations and turns."""
 SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
 AXIS_WORDS = (
     (re.compile(r"(?i)normal([_ .]?force)?"), " z "),

@@ -172,6 +172,20 @@ PLAIN: dict[str, Callable[[Path, Made], None]] = {
 }
 
 
+def test_the_unit_of_the_channels_of_a_stream_is_that_of_the_readings(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    channels = NAMED.replace("</label>", "</label><unit>lbf</unit>")
+    header = stream_header(1, "Pads", "double64", 15, 100.0, channels)
+    (tmp_path / "logs").mkdir()
+    chunks = [header, samples(1, one.t_s, one.values / 4.4482216)]
+    (tmp_path / "logs/cup_slip_1.xdf").write_bytes(xdf_bytes(chunks))
+    imported(run, tmp_path)
+    values = read_trial(tmp_path / "set/cup/slip/trial_1.csv").raw
+    np.testing.assert_allclose(values, one.values, atol=1e-6)
+
+
 @pytest.mark.parametrize("form", PLAIN)
 def test_a_plain_file_of_others_becomes_a_trial(
     run: Run, tmp_path: Path, form: str

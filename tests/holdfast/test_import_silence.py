@@ -695,6 +695,14 @@ def test_quantities_beside_a_force_are_no_sensors(
     assert f"not used   {names[0]}, {names[1]}" in out
 
 
+def test_accelerations_are_no_readings_of_fingers(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    names = ["t", *axes(5, "a{k}{axis}")]
+    write_log(tmp_path / "logs/cup_slip_1.csv", one, names=names)
+    assert "columns a#* (which are the readings?)" in imported(run, tmp_path, code=2)
+    assert "5, as given" in imported(run, tmp_path, "--sensors", "a*")
+
+
 def test_kinds_of_which_none_is_a_force_are_asked_and_chosen(
     run: Run, tmp_path: Path
 ) -> None:

@@ -48,13 +48,16 @@ def _stream(loaded: Any) -> Stream:
 
 
 def _labels(info: Any, n_channels: int) -> list[str]:
-    """The labels of the channels, their numbers where the header has no label for each.
+    """The labels of the channels with their units, numbers where the header has no label for each.
 
     Every level of an XDF header is a list.
     """
     with suppress(KeyError, IndexError, TypeError):
         channels = info["desc"][0]["channels"][0]["channel"]
         labels = [str(channel["label"][0]) for channel in channels]
+        for k, channel in enumerate(channels):
+            unit = (channel.get("unit") or [None])[0]
+            labels[k] += f" [{unit}]" if unit else ""
         if len(labels) == n_channels:
             return labels
 
