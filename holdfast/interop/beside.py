@@ -61,7 +61,8 @@ def files_of(
             files[name].append(tables[table])
     for place in of_folders:
         for name in logs_found:
-            if name.startswith(f"{dirname(place.name)}/"):
+            is_below = name.startswith(f"{dirname(place.name)}/")
+            if is_below and place not in files[name]:
                 files[name].append(place)
     return files
 

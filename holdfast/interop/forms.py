@@ -282,7 +282,7 @@ class Form:
         return not any(labels), len(found.unknown), "risky_slip" not in labels, is_same
 
     def _said(self, found: LabelMeanings) -> tuple[str, ...]:
-        """What labels say, so that those that differ can be told apart."""
+        """What labels say, to find those that differ."""
         rules = found.rules
         if rules.file:
             return (rules.file,)

@@ -21,13 +21,13 @@ def names(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("trial_*.csv"))
 
 
-def begins(folder: Path, label: str = "risky_slip") -> list[float]:
-    """When something begins in the trials of a set, s."""
+def begins(folder: Path) -> list[float]:
+    """When it slips in the trials of a set, s."""
     truths = sorted(folder.rglob("*.truth.json"))
     phases = [
         phase for truth in truths for phase in json.loads(truth.read_text())["phases"]
     ]
-    return [phase["t0_s"] for phase in phases if phase["label"] == label]
+    return [phase["t0_s"] for phase in phases if phase["label"] == "risky_slip"]
 
 
 def with_label(folder: Path, name: str, heading: str, words: tuple[str, str]) -> None:
@@ -334,9 +334,7 @@ def test_two_columns_of_labels_that_differ_are_asked_and_chosen(
     seen = (one.t_s >= 3.2) & (one.t_s < 3.7)
     true = (one.t_s >= 3.0) & (one.t_s < 3.5)
     rows = np.column_stack([one.t_s, one.values, seen, true])
-    path = tmp_path / "logs/cup_1.csv"
-    write_text(path, ["t", *axes(5), "slip_seen_slip", "slip"], rows)
-    path.write_text(path.read_text().replace("slip_seen_slip", "slip_flag"))
+    write_text(tmp_path / "logs/cup_1.csv", ["t", *axes(5), "slip_flag", "slip"], rows)
     out = imported(run, tmp_path, code=2)
     assert "slip_flag, slip say when it slips, and differ: which is true?" in out
     imported(run, tmp_path, "--labels", "slip")
@@ -455,6 +453,8 @@ def test_a_table_in_each_folder_is_of_the_logs_there(run: Run, tmp_path: Path) -
         )
     imported(run, tmp_path)
     assert begins(tmp_path / "set") == [2.5, 3.0, 2.5, 3.0]
+    imported(run, tmp_path, "--map", tmp_path / "set/import.toml", out="again")
+    assert begins(tmp_path / "again") == [2.5, 3.0, 2.5, 3.0]
 
 
 def test_two_tables_that_say_when_it_slips_are_asked(run: Run, tmp_path: Path) -> None:

@@ -778,7 +778,7 @@ def test_a_thumb_that_balances_the_fingers_in_its_normal_alone_is_a_sensor(
     run: Run, tmp_path: Path
 ) -> None:
     one = made(1, sensors=3)
-    # nobody pulls: of the shear there is noise
+    # without a pull the shear is noise
     one.values[:, 0::3] = made(2, sensors=3).values[:, 1::3]
     noise = np.random.default_rng(7).normal(0.0, 0.02, len(one.t_s))
     one.values[:, 2] = (one.values[:, 5] + one.values[:, 8] + noise).round(4)

@@ -325,7 +325,7 @@ def doubts_of(
         if first and first.first == 0 and first.situation != NOTHING:
             # of what was held from the first row on, the grip is the bias
             grip = recording.samples[: first.stop, NORMAL_AXIS::3].sum(axis=1)
-            if recording.unit == "N" and np.nanmedian(grip) > OPEN_HAND_N:
+            if recording.unit == "N" and np.median(np.nan_to_num(grip)) > OPEN_HAND_N:
                 what = (
                     f"is called {SITUATIONS[first.situation]} from its first row on, "
                 )
